@@ -1,0 +1,1 @@
+"""Drivetrain: reinforcement learning for driving with the simulator in the program."""

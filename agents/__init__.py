@@ -1,0 +1,1 @@
+"""Policies: encoders, heads and what joins them."""

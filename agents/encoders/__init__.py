@@ -1,0 +1,1 @@
+"""Networks from an observation to an embedding."""

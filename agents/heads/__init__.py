@@ -1,0 +1,1 @@
+"""Networks from an embedding to a distribution over actions."""

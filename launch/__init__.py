@@ -1,0 +1,1 @@
+"""Commands, configs, logs and tables."""

@@ -1,0 +1,1 @@
+"""Learners, the compiled program and its state."""

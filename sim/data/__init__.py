@@ -1,0 +1,1 @@
+"""Readers of logs, the packed store and the bank on the device."""

@@ -1,0 +1,1 @@
+"""How an action moves an object, and which action a move needs."""

@@ -1,0 +1,1 @@
+"""Environments and rollouts over the bank."""

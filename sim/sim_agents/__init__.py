@@ -1,0 +1,1 @@
+"""Road users that are driven by rules or by the log."""
