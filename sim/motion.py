@@ -9,8 +9,8 @@ from .records import Record
 class Motion(Record):
     """Pose and velocity of objects at one step, in the scenario's frame.
 
-    The frame of a scenario is the map frame of its file, moved so that the ego stands in
-    the origin at the current step.
+    The frame of a scenario is the map frame of its file, moved so that the ego stands
+    in the origin at the current step.
     """
 
     xyz: Float[Array, "objects 3"]  # centre of the box [m]

@@ -89,7 +89,9 @@ class Tracks:
     velocity: Float[np.ndarray, "objects steps 2"]  # metres per second
     valid: Bool[np.ndarray, "objects steps"]
     size: Float[np.ndarray, "objects 3"]  # length, width, height [m]
-    is_of_interest: Bool[np.ndarray, " objects"]  # marked by the data set as interacting
+    is_of_interest: Bool[
+        np.ndarray, " objects"
+    ]  # marked by the data set as interacting
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -170,7 +172,7 @@ class Scenario:
 
     @property
     def origin(self) -> Float[np.ndarray, " 3"]:
-        """Where the ego is at the current step: the origin of the scenario on device."""
+        """Where the ego is at the current step: the origin on the device."""
         return self.tracks.xyz[self.ego_index, self.current_step]
 
 
@@ -187,18 +189,20 @@ def choose_ego(tracks: Tracks, marked: int | None) -> tuple[int, EgoSource]:
     if marked is not None and marked >= 0:
         if marked >= num_objects:
             raise ScenarioError(
-                f"the ego is marked as track {marked}, but there are {num_objects} tracks"
+                f"the ego is marked as track {marked} of {num_objects} tracks"
             )
         return marked, "marked"
     candidate = (tracks.object_type == ObjectType.VEHICLE) & tracks.valid.all(axis=1)
     if not candidate.any():
         raise ScenarioError(
-            "no ego: no track is marked as the self-driving car and no vehicle is valid "
-            "at every step; mark one in the file"
+            "no ego: no track is marked as the self-driving car and no vehicle is "
+            "valid at every step; mark one in the file"
         )
     if candidate[-1]:
         return num_objects - 1, "last"
-    travelled = np.linalg.norm(np.diff(tracks.xyz[..., :2], axis=1), axis=-1).sum(axis=1)
+    travelled = np.linalg.norm(np.diff(tracks.xyz[..., :2], axis=1), axis=-1).sum(
+        axis=1
+    )
     return int(np.argmax(np.where(candidate, travelled, -1.0))), "farthest"
 
 
@@ -219,8 +223,8 @@ def check(scenario: Scenario) -> Scenario:
     ego_valid = tracks.valid[scenario.ego_index]
     if not ego_valid[current] or not ego_valid[current + 1 :].any():
         raise ScenarioError(
-            f"the ego (object {tracks.object_id[scenario.ego_index]}) is not valid at the "
-            f"current step {current} and at a later one"
+            f"the ego (object {tracks.object_id[scenario.ego_index]}) is not valid at "
+            f"the current step {current} and at a later one"
         )
     if scenario.roads.num_features == 0:
         raise ScenarioError("no road: the record has no map features")
@@ -232,7 +236,7 @@ def check(scenario: Scenario) -> Scenario:
         ("roads.xyz", scenario.roads.xyz, np.array(True)),
         ("lights.xyz", scenario.lights.xyz, scenario.lights.valid.any(axis=1)[:, None]),
     ):
-        bad = mask & ~(np.abs(values) < 1e7)
+        bad = np.asarray(mask & ~(np.abs(values) < 1e7))
         if bad.any():
             where = tuple(int(i) for i in np.argwhere(bad)[0])
             raise ScenarioError(

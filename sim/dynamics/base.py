@@ -1,7 +1,7 @@
 """States what dynamics are: how an action moves an object, and the way back.
 
-All functions work elementwise over the leading axes of their arguments, so they serve one
-object as well as all objects of a scenario.
+All functions work elementwise over the leading axes of their arguments, so they
+serve one object as well as all objects of a scenario.
 """
 
 import dataclasses
@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, Int
 
 from ..motion import Motion
 
+Duration = float | Float[Array, ""]  # seconds
 Action = Float[Array, "*objects features"] | Int[Array, "*objects"]
 
 
@@ -36,14 +37,15 @@ ActionSpec = Continuous | Discrete
 class Dynamics:
     """A pair of functions between motions and actions.
 
-    `forward(motion, action, dt)` is the motion one step later; height and validity stay as
-    they are, since the environment takes them from the log. `inverse(before, after, dt)` is
-    the action that leads from one motion to the other as nearly as the dynamics can.
-    `coast(motion, dt)` is the action that holds velocity and heading.
+    `forward(motion, action, dt)` is the motion one step later; height and validity
+    stay as they are, since the environment takes them from the log.
+    `inverse(before, after, dt)` is the action that leads from one motion to the other
+    as nearly as the dynamics can. `coast(motion, dt)` is the action that holds
+    velocity and heading.
     """
 
     name: str
     action_spec: ActionSpec
-    forward: Callable[[Motion, Action, float], Motion]
-    inverse: Callable[[Motion, Motion, float], Action]
-    coast: Callable[[Motion, float], Action]
+    forward: Callable[[Motion, Action, Duration], Motion]
+    inverse: Callable[[Motion, Motion, Duration], Action]
+    coast: Callable[[Motion, Duration], Action]

@@ -1,0 +1,248 @@
+"""Finds the few pieces of road edge that can be nearest to a point.
+
+Four edge segments in a row make a block. A grid of coarse cells covers the road edges;
+a cell with many candidate blocks is split into four, again and again. Each leaf lists
+the blocks that can be nearest to any point in it: those whose distance to the leaf's
+centre is at most the least such distance plus the leaf's diagonal (and more where
+heights differ). Built once per
+scenario on the host, looked up in the program.
+"""
+
+import dataclasses
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+BLOCK = 4  # segments
+MAX_BLOCKS = 8  # of a leaf
+ROOT_CELL = 32.0  # metres
+NUM_LEVELS = 6  # cells of 32, 16, 8, 4, 2 and 1 m
+MARGIN = 8.0  # metres around the edges that the grid covers
+FAR = 25.0  # cells all of whose points are farther from the edges [m] are not split
+HEIGHT_BELOW = 1.0  # metres under the lowest candidate edge of a cell, and
+HEIGHT_ABOVE = 3.0  # metres over the highest, between which the answer is exact
+HEIGHT_WEIGHT = 2.0  # height counts double in the nearest search (W 3.4)
+_COUNT_BITS = 4  # a leaf is (first << 4 | count), a split cell is -(first child)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class EdgeIndex:
+    """The index of one scenario; without edges its arrays are empty."""
+
+    corner: Float[np.ndarray, " 2"]  # least x and y of the grid [m]
+    shape: Int[np.ndarray, " 2"]  # root cells along x and y
+    nodes: Int[np.ndarray, " nodes"]  # the root cells, row-major, then their children
+    blocks: Int[np.ndarray, " candidates"]  # the lists of the leaves
+    num_dropped: int  # candidates that did not fit into the list of a smallest cell
+
+
+def build(
+    vertices: Float[np.ndarray, "vertices 3"], joined: Bool[np.ndarray, " vertices"]
+) -> EdgeIndex:
+    """Builds the index over road edges.
+
+    The answer is exact for points inside the grid that are at most `FAR` from an edge
+    and whose height is within `HEIGHT_BELOW` and `HEIGHT_ABOVE` of the edges near them.
+
+    Args:
+        vertices: of all edges, one after the other [m].
+        joined: whether a segment leads from the vertex to the next one.
+    """
+    if not joined.any():
+        empty = np.zeros(0, np.int32)
+        return EdgeIndex(
+            corner=np.zeros(2),
+            shape=np.zeros(2, np.int32),
+            nodes=empty,
+            blocks=empty,
+            num_dropped=0,
+        )
+    edges = _Blocks.of(vertices, joined)
+    corner = np.floor(vertices[:, :2].min(axis=0) - MARGIN)
+    extent = vertices[:, :2].max(axis=0) + MARGIN - corner
+    shape = np.ceil(extent / ROOT_CELL).astype(np.int32)
+    columns, rows = np.meshgrid(np.arange(shape[0]), np.arange(shape[1]))
+    grid = np.stack([columns, rows], axis=-1).reshape(-1, 2)
+    centre = corner + (grid + 0.5) * ROOT_CELL
+    leaves = _Leaves(len(centre))
+    cell, block = edges.start_pairs(centre, ROOT_CELL)
+    node = np.arange(len(centre))
+    for level in range(NUM_LEVELS):
+        size = ROOT_CELL / 2**level
+        cell, block, distance = edges.prune(centre, cell, block, size)
+        first = np.searchsorted(cell, np.arange(len(centre) + 1))
+        far = np.minimum.reduceat(distance, first[:-1]) > FAR + size / np.sqrt(2)
+        split = (np.diff(first) > MAX_BLOCKS) & ~far & (level < NUM_LEVELS - 1)
+        for leaf in np.flatnonzero(~split):
+            here = slice(first[leaf], first[leaf + 1])
+            leaves.add(node[leaf], block[here], distance[here], not far[leaf])
+        parents = np.flatnonzero(split)
+        if not len(parents):
+            break
+        node = leaves.split(node[parents])
+        quadrants = np.array([[-1, -1], [1, -1], [-1, 1], [1, 1]]) * size / 4
+        centre = (centre[parents, None] + quadrants).reshape(-1, 2)
+        cell, block = _hand_down(cell, block, split)
+    return EdgeIndex(
+        corner=corner,
+        shape=shape,
+        nodes=np.array(leaves.nodes, np.int32),
+        blocks=np.concatenate(leaves.lists).astype(np.int32),
+        num_dropped=leaves.num_dropped,
+    )
+
+
+def _hand_down(cell, block, split):
+    """Gives the pairs of each split cell to its four children, sorted by child."""
+    number = np.cumsum(split) - 1
+    inside = split[cell]
+    child = (4 * number[cell[inside], None] + np.arange(4)).ravel()
+    order = np.argsort(child, kind="stable")
+    return child[order], np.repeat(block[inside], 4)[order]
+
+
+class _Leaves:
+    """Collects the nodes of the tree; leaves with equal lists share one."""
+
+    def __init__(self, num_roots: int):
+        self.nodes = [0] * num_roots
+        self.lists: list[np.ndarray] = []
+        self.num_dropped = 0
+        self._first: dict[bytes, int] = {}
+        self._num_listed = 0
+
+    def add(self, node, blocks, distance, count_dropped) -> None:
+        if len(blocks) > MAX_BLOCKS:
+            nearest = np.argsort(distance, kind="stable")[:MAX_BLOCKS]
+            self.num_dropped += (len(blocks) - MAX_BLOCKS) * bool(count_dropped)
+            blocks = np.sort(blocks[nearest])
+        first = self._first.setdefault(blocks.tobytes(), self._num_listed)
+        if first == self._num_listed:
+            self.lists.append(blocks)
+            self._num_listed += len(blocks)
+        self.nodes[node] = first << _COUNT_BITS | len(blocks)
+
+    def split(self, parents):
+        children = len(self.nodes) + np.arange(4 * len(parents))
+        for parent, child in zip(parents, children[::4], strict=True):
+            self.nodes[parent] = -child
+        self.nodes.extend([0] * len(children))
+        return children
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Blocks:
+    """Blocks of segments, with their heights stretched by `HEIGHT_WEIGHT`."""
+
+    start: Float[np.ndarray, "blocks block 3"]
+    along: Float[np.ndarray, "blocks block 3"]
+    exists: Bool[np.ndarray, "blocks block"]
+    heights: Float[np.ndarray, "blocks 2"]  # least and greatest [m]
+
+    @classmethod
+    def of(cls, vertices, joined):
+        segment = np.arange(-(-len(vertices) // BLOCK) * BLOCK).reshape(-1, BLOCK)
+        here, there = (np.minimum(segment + i, len(vertices) - 1) for i in (0, 1))
+        stretched = vertices * np.array([1.0, 1.0, HEIGHT_WEIGHT])
+        start = stretched[here]
+        exists = joined[here] & (segment < len(vertices))
+        ends = np.stack([vertices[here, 2], vertices[there, 2]])
+        low = np.where(exists, ends.min(axis=0), np.inf).min(axis=1)
+        high = np.where(exists, ends.max(axis=0), -np.inf).max(axis=1)
+        return cls(
+            start, stretched[there] - start, exists, np.stack([low, high], axis=1)
+        )
+
+    def distance(self, point, block):
+        """Returns the distance of each point to its block, over the last axis."""
+        start, along = self.start[block], self.along[block]
+        squared = np.einsum("...c,...c->...", along, along)
+        offset = point[..., None, :] - start
+        share = np.einsum("...c,...c->...", offset, along)
+        share = np.clip(share / np.where(squared > 0, squared, 1.0), 0, 1)
+        offset -= share[..., None] * along
+        distance = np.sqrt(np.einsum("...c,...c->...", offset, offset))
+        return np.where(self.exists[block], distance, np.inf).min(axis=-1)
+
+    def start_pairs(self, centre, size):
+        """Returns the pairs of root cell and block that planar distances allow."""
+        flat = dataclasses.replace(
+            self, start=self.start * [1, 1, 0], along=self.along * [1, 1, 0]
+        )
+        point = np.concatenate([centre, np.zeros((len(centre), 1))], axis=1)
+        distance = flat.distance(point[:, None], np.arange(len(self.exists)))
+        nearest = distance.min(axis=1, keepdims=True)
+        relief = np.ptp(self.heights[self.exists.any(axis=1)])
+        reach = _reach(nearest, size, HEIGHT_WEIGHT**2 * (relief + HEIGHT_ABOVE) ** 2)
+        return np.nonzero(distance <= np.where(relief > 0, reach, nearest + 2 * size))
+
+    def prune(self, centre, cell, block, size):
+        """Drops the pairs of cell and block in which the block can never be nearest.
+
+        Block i is nearest at a height z only if, for all j, D_i <= D_j there. D_i^2 -
+        D_j^2 is linear in z with a slope of 8 (z_j - z_i), so between the heights that
+        are tried, half a step h apart at most, it moves by 4 h times the spread of the
+        heights at most. Pairs are sorted by cell. Returns what is left, with the least
+        distance found.
+        """
+        first = np.flatnonzero(np.diff(cell, prepend=-1))
+        counts = np.diff(first, append=len(cell))
+        low = np.minimum.reduceat(self.heights[block, 0], first)
+        spread = np.maximum.reduceat(self.heights[block, 1], first) - low
+        thickness = spread + HEIGHT_BELOW + HEIGHT_ABOVE
+        num_layers = np.ceil(thickness * np.minimum(4 * spread, 1)).clip(1)
+        step = thickness / num_layers
+        possible = np.zeros(len(cell), bool)
+        least = np.full(len(cell), np.inf)
+        for layer in range(int(num_layers.max())):
+            height = HEIGHT_WEIGHT * (low - HEIGHT_BELOW + (layer + 0.5) * step)
+            point = np.concatenate([centre, height[:, None]], axis=1)
+            active = np.flatnonzero((layer < num_layers)[cell])
+            here = cell[active]
+            distance = self.distance(point[here], block[active])
+            starts = np.flatnonzero(np.diff(here, prepend=-1))
+            nearest = np.minimum.reduceat(distance, starts)
+            reach = _reach(nearest, size, 4 * (step * spread)[here[starts]])
+            near = distance <= np.repeat(reach, counts[here[starts]])
+            possible[active] |= near
+            least[active] = np.minimum(least[active], distance)
+        return cell[possible], block[possible], least[possible]
+
+
+def _reach(nearest, size, squared_slack):
+    """Returns how far from its centre the nearest block of a cell's points can be."""
+    radius = size / np.sqrt(2)
+    return radius + np.sqrt((nearest + radius) ** 2 + squared_slack)
+
+
+def look_up(
+    xy: Float[Array, "points 2"],
+    corner: Float[Array, " 2"],
+    shape: Int[Array, " 2"],
+    nodes: Int[Array, " nodes"],
+    first_node: Int[Array, ""],
+) -> tuple[Int[Array, " points"], Int[Array, " points"]]:
+    """Finds the list of blocks of each point; a point off the grid takes the rim's.
+
+    Args:
+        xy: where to look [m].
+        corner: of the scenario's index.
+        shape: of the scenario's index.
+        nodes: of all scenarios, one after the other.
+        first_node: where the scenario's own nodes begin.
+
+    Returns:
+        The place of the first block in the scenario's lists, and how many there are:
+        none without edges.
+    """
+    rim = jnp.maximum(shape * ROOT_CELL - 1e-3, 0.0)
+    inside = jnp.clip(xy - corner, 0.0, rim)
+    root = (inside // ROOT_CELL).astype(jnp.int32)
+    node = nodes[first_node + root[:, 1] * shape[0] + root[:, 0]]
+    for level in range(1, NUM_LEVELS):
+        half = (inside // (ROOT_CELL / 2**level)).astype(jnp.int32) % 2
+        child = nodes[first_node - node + half[:, 1] * 2 + half[:, 0]]
+        node = jnp.where(node < 0, child, node)
+    count = jnp.where(shape[0] > 0, node & (2**_COUNT_BITS - 1), 0)
+    return node >> _COUNT_BITS, count

@@ -1,0 +1,290 @@
+"""Reads the JSON form of WOMD that Nocturne and GPUDrive use, one scenario a file."""
+
+import array
+import contextlib
+import functools
+import itertools
+import operator
+import pathlib
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+import orjson
+from jaxtyping import Bool, Float, Int
+
+from .. import scenario
+from ..scenario import (
+    Lights,
+    LightState,
+    MapType,
+    ObjectType,
+    Polylines,
+    Scenario,
+    ScenarioError,
+    Tracks,
+)
+from . import base, parts
+from .base import BadRecord, Reader
+
+_NAME = "womd_json"
+_CURRENT_STEP = 10
+_MAX_RADIANS = 6.3  # a file with a larger heading is in degrees
+_PLACES = ("x", "y", "z")
+
+_OBJECT_TYPES = {member.name.lower(): member for member in ObjectType}
+_LIGHT_STATES = {member.name.lower(): member for member in LightState}
+
+# Old files say no more than the kind. Most edges bound the road: few are medians.
+_MAP_TYPES = {
+    "lane": MapType.LANE_UNDEFINED,
+    "road_line": MapType.LINE_UNKNOWN,
+    "road_edge": MapType.EDGE_BOUNDARY,
+    "stop_sign": MapType.STOP_SIGN,
+    "crosswalk": MapType.CROSSWALK,
+    "speed_bump": MapType.SPEED_BUMP,
+    "driveway": MapType.DRIVEWAY,
+}
+_KNOWN_CODES = frozenset(MapType)
+
+# Metres, for files without heights: near what WOMD measures, in which nothing is exact.
+_DEFAULT_HEIGHTS = {
+    ObjectType.UNSET: 1.5,
+    ObjectType.VEHICLE: 1.7,
+    ObjectType.PEDESTRIAN: 1.75,
+    ObjectType.CYCLIST: 1.8,
+    ObjectType.OTHER: 1.5,
+}
+
+
+def convert(record: bytes, fallback_id: str) -> Scenario:
+    """Makes a scenario of a JSON document.
+
+    Args:
+        record: the text.
+        fallback_id: names the scenario where the text does not.
+
+    Returns:
+        The scenario, without a lane graph; `scenario.check` has yet to look at it.
+
+    Raises:
+        ScenarioError: if the text is no JSON, or not that of WOMD.
+    """
+    document = _document(record)
+    metadata = _mapping(document, "metadata")
+    with _naming("metadata"):
+        marked = metadata["sdc_track_index"] if "sdc_track_index" in metadata else None
+        if marked is not None:
+            (marked,) = _integers([marked])
+    tracks = _tracks(document["objects"], metadata)
+    ego_index, ego_source = scenario.choose_ego(tracks, marked)
+    scenario_id: Any = document.get("scenario_id") or fallback_id
+    if not isinstance(scenario_id, str):
+        raise ScenarioError(f"'scenario_id' must be a text, got {scenario_id!r:.40}")
+    return Scenario(
+        scenario_id=scenario_id,
+        dataset=_NAME,
+        current_step=_CURRENT_STEP,
+        tracks=tracks,
+        ego_index=ego_index,
+        ego_source=ego_source,
+        roads=_roads(document["roads"]),
+        lights=_lights(_mapping(document, "tl_states"), tracks.valid.shape[1]),
+        lane_links=None,
+    )
+
+
+def _document(record: bytes) -> dict[str, Any]:
+    """Parses the text and finds the two lists that there must be."""
+    try:
+        document = orjson.loads(record)
+    except orjson.JSONDecodeError as error:
+        raise ScenarioError(
+            f"the text is no valid JSON ({error}); copy the file again"
+        ) from error
+    for name in ("objects", "roads"):
+        if not isinstance(document, dict) or not isinstance(document.get(name), list):
+            raise ScenarioError(f"there is no list '{name}': this is no JSON of WOMD")
+        if not document[name]:
+            raise ScenarioError(f"the list '{name}' is empty")
+    return document
+
+
+def _mapping(document: dict[str, Any], name: str) -> dict[str, Any]:
+    """Returns a part of the document that may be absent, then as an empty mapping."""
+    part = document.get(name)
+    if part is not None and not isinstance(part, dict):
+        raise ScenarioError(f"'{name}' must be a mapping, got {part!r:.40}")
+    return part or {}
+
+
+@contextlib.contextmanager
+def _naming(place: str) -> Iterator[None]:
+    """Turns what Python says of a malformed part into a sentence that names it."""
+    try:
+        yield
+    except (LookupError, TypeError, ValueError, OverflowError) as error:
+        kind = "lacks" if isinstance(error, KeyError) else "is malformed:"
+        raise ScenarioError(f"{place} {kind} {str(error)[:200]}") from error
+
+
+# array.array takes numbers alone; NumPy would also take texts, nulls and ragged lists.
+
+
+def _integers(values: Iterable[Any]) -> Int[np.ndarray, " values"]:
+    return np.array(array.array("q", values), np.int64)
+
+
+def _floats(values: Iterable[Any]) -> Float[np.ndarray, " values"]:
+    return np.array(array.array("d", values), np.float64)
+
+
+def _vectors(
+    records: list[dict[str, Any]], axes: tuple[str, ...]
+) -> Float[np.ndarray, "records 3"]:
+    """Returns the named members of each record; z is 0 where it is not named."""
+    flat = map(operator.itemgetter(*axes), records)
+    vectors = np.zeros((len(records), 3))
+    found = _floats(itertools.chain.from_iterable(flat))
+    vectors[:, : len(axes)] = found.reshape(-1, len(axes))
+    return vectors
+
+
+def _places(records: list[dict[str, Any]]) -> Float[np.ndarray, "records 3"]:
+    has_height = bool(records) and "z" in records[0]
+    return _vectors(records, _PLACES if has_height else _PLACES[:2])
+
+
+def _tracks(objects: list[Any], metadata: dict[str, Any]) -> Tracks:
+    """Reads the objects, all of which must have the same number of steps."""
+    rows = []
+    for index, item in enumerate(objects):
+        with _naming(f"objects[{index}]"):
+            row = _object_row(item, index)
+            num_steps = [len(column) for column in row[-4:]]
+            if rows:
+                num_steps.append(len(rows[0][-1]))
+            if min(num_steps) != max(num_steps):
+                raise ScenarioError(f"lists have {num_steps} steps, which should agree")
+            rows.append(row)
+
+    columns = [np.array(column) for column in zip(*rows, strict=True)]
+    object_id, object_type, size, xyz, velocity, heading, valid = columns
+    with _naming("metadata"):
+        is_of_interest = parts.of_interest(
+            object_id,
+            _integers(metadata.get("objects_of_interest", [])).tolist(),
+            _integers(
+                [
+                    track["track_index"]
+                    for track in metadata.get("tracks_to_predict", [])
+                ]
+            ).tolist(),
+        )
+    yaw = _radians(heading, valid)
+    return Tracks(
+        object_id=object_id,
+        object_type=object_type,
+        xyz=parts.zero_unless(valid, xyz),
+        yaw=parts.zero_unless(valid, yaw[..., None])[..., 0],
+        velocity=parts.zero_unless(valid, velocity),
+        valid=valid,
+        size=size,
+        is_of_interest=is_of_interest,
+    )
+
+
+def _object_row(item: Any, index: int) -> tuple[Any, ...]:
+    """Returns id, type, size, position, velocity, heading and validity of an object."""
+    object_type = _OBJECT_TYPES.get(item["type"], ObjectType.OTHER)
+    height = item["height"] if "height" in item else _DEFAULT_HEIGHTS[object_type]
+    (object_id,) = _integers([item["id"] if "id" in item else index])
+    return (
+        object_id,
+        int(object_type),
+        _floats([item["length"], item["width"], height]),
+        _places(item["position"]),
+        _vectors(item["velocity"], ("x", "y"))[:, :2],
+        _floats(item["heading"]),
+        _floats(item["valid"]) != 0,
+    )
+
+
+def _radians(
+    heading: Float[np.ndarray, "objects steps"],
+    valid: Bool[np.ndarray, "objects steps"],
+) -> Float[np.ndarray, "objects steps"]:
+    """Returns headings as radians: old files are in degrees, and none says which."""
+    if (np.abs(heading[valid]) > _MAX_RADIANS).any():
+        heading = np.radians(heading)
+    return parts.wrap_angle(heading)
+
+
+def _roads(roads: list[Any]) -> Polylines:
+    features = []
+    for index, road in enumerate(roads):
+        with _naming(f"roads[{index}]"):
+            if road["type"] not in _MAP_TYPES:
+                raise ScenarioError(
+                    f"'type' is {road['type']!r:.40}; known are {', '.join(_MAP_TYPES)}"
+                )
+            code = road.get("map_element_id")
+            known = code if code in _KNOWN_CODES else _MAP_TYPES[road["type"]]
+            (feature_id,) = _integers([road["id"] if "id" in road else index])
+            features.append((_places(road["geometry"]), int(known), feature_id))
+    points, map_type, feature_id = zip(*features, strict=True)
+    return parts.polylines(
+        np.concatenate(points),
+        np.array([len(run) for run in points]),
+        np.array(map_type),
+        np.array(feature_id),
+    )
+
+
+def _lights(lanes: dict[str, Any], num_steps: int) -> Lights:
+    columns = [(np.zeros(0, np.int64),) * 3 + (np.zeros((0, 3)),)]
+    with _naming("tl_states"):
+        for lane, light in lanes.items():
+            step = _integers(light["time_index"])
+            state = [
+                _LIGHT_STATES.get(word, LightState.UNKNOWN) for word in light["state"]
+            ]
+            height = light["z"] if "z" in light else [0.0] * len(step)
+            xyz = [_floats(light["x"]), _floats(light["y"]), _floats(height)]
+            lane_id = np.repeat(_integers([int(lane)]), len(step))
+            if any(len(column) != len(step) for column in (state, *xyz)):
+                raise ScenarioError(f"the lists of lane {lane} differ in length")
+            columns.append((lane_id, step, _integers(state), np.stack(xyz, axis=-1)))
+    lane_id, step, state, xyz = map(np.concatenate, zip(*columns, strict=True))
+    return parts.lights(
+        lane_id=lane_id,
+        step=step,
+        state=state,
+        xyz=xyz,
+        valid=np.ones(len(step), bool),
+        num_steps=num_steps,
+    )
+
+
+def _recognizes(head: bytes) -> bool:
+    return head.lstrip(b"\xef\xbb\xbf \t\r\n")[:1] == b"{"
+
+
+def _records(path: pathlib.Path) -> Iterator[Scenario | BadRecord]:
+    fallback_id = path.name.removesuffix(".gz").removesuffix(".json")
+    try:
+        with base.opened(path) as stream:
+            record = base.take(stream, base.MAX_RECORD_BYTES + 1)
+        if len(record) > base.MAX_RECORD_BYTES:
+            raise ScenarioError(
+                f"the text is longer than {base.MAX_RECORD_BYTES} bytes; this is no "
+                "file of one scenario"
+            )
+    except ScenarioError as error:
+        yield BadRecord(path=path, record_index=0, reason=str(error))
+        return
+    scene = functools.partial(convert, fallback_id=fallback_id)
+    yield base.outcome(scene, record, path, record_index=0)
+
+
+READER = Reader(name=_NAME, recognizes=_recognizes, records=_records)

@@ -1,0 +1,151 @@
+"""Loads scenarios, from a store, from files or from the generator, for a bank."""
+
+import dataclasses
+import glob
+import hashlib
+import pathlib
+from collections.abc import Callable, Iterator
+from typing import Any, Literal
+
+import grain
+
+from . import build as readers, store, synthetic
+from .base import BadRecord
+from .pack import PackConfig, Packed, pack
+
+Split = Literal["all", "train", "test"]
+SYNTHETIC = "synthetic"
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Source:
+    """Which scenarios to load.
+
+    `path` is a store, a file, a pattern of files, or `synthetic:FIRST:COUNT` for
+    generated scenarios of the seeds FIRST to FIRST + COUNT - 1.
+    """
+
+    path: str
+    split: Split = "all"  # by scenario id, so that adding files moves none
+    test_share: float = 1 / 3  # of the scenarios, for the splits train and test
+    max_scenarios: int | None = None
+    quantize: bool = True  # of what is packed here; a store is as it was prepared
+
+
+class SourceError(ValueError):
+    """A source without usable scenarios; the message says why and what would help."""
+
+
+def load(
+    source: Source,
+    tick: Callable[[int, int | None], None] = lambda done, total: None,
+) -> list[Packed]:
+    """Returns the scenarios of a source.
+
+    Args:
+        source: what to load.
+        tick: called after each scenario with their number so far and the total, if
+            known.
+
+    Raises:
+        FileNotFoundError: if there is no such store or file.
+        SourceError: if it holds no usable scenario of the split.
+        StoreError: if the store is damaged.
+        ValueError: if `synthetic:FIRST:COUNT` is malformed.
+    """
+    scenarios, total, bad = _open(source)
+    kept: list[Packed] = []
+    limit = source.max_scenarios
+    for done, packed in enumerate(scenarios, start=1):
+        tick(done, total)
+        if in_split(packed.scenario_id, source.split, source.test_share):
+            kept.append(packed)
+        if limit is not None and len(kept) >= limit:
+            break
+    if not kept:
+        reasons = "; ".join(str(record) for record in bad[:3])
+        raise SourceError(
+            f"no usable scenario in '{source.path}' (split {source.split})"
+            + (f": {reasons}" if reasons else ".")
+        )
+    return kept
+
+
+def in_split(scenario_id: str, split: Split, test_share: float) -> bool:
+    """Tells whether a scenario belongs to a split, by a hash of its id alone."""
+    if split == "all":
+        return True
+    digest = hashlib.sha256(scenario_id.encode()).digest()
+    is_test = int.from_bytes(digest[:8], "big") < test_share * 2**64
+    return is_test == (split == "test")
+
+
+def _open(source: Source) -> tuple[Iterator[Packed], int | None, list[BadRecord]]:
+    """Returns scenarios, their number if known, and a list that bad records join."""
+    bad: list[BadRecord] = []
+    path = pathlib.Path(source.path)
+    if source.path.startswith(f"{SYNTHETIC}:"):
+        seeds = synthetic_seeds(source.path)
+        packed = (
+            pack(synthetic.generate(seed), PackConfig(quantize=source.quantize))
+            for seed in seeds
+        )
+        return packed, len(seeds), bad
+    if path.is_dir():
+        return _read_store(path)
+    return _read_files(source, bad), None, bad
+
+
+def synthetic_seeds(text: str) -> range:
+    """Returns the seeds of `synthetic:FIRST:COUNT`.
+
+    Raises:
+        ValueError: if it is malformed or the count is not positive.
+    """
+    parts = text.split(":")
+    if len(parts) != 3 or not all(part.isdecimal() for part in parts[1:]):
+        raise ValueError(
+            f"'{text}' is no source: write synthetic:FIRST:COUNT with two whole "
+            "numbers, for example synthetic:0:256."
+        )
+    first, count = int(parts[1]), int(parts[2])
+    if count < 1:
+        raise ValueError(f"'{text}' asks for no scenario: COUNT must be at least 1.")
+    return range(first, first + count)
+
+
+def _read_store(
+    path: pathlib.Path,
+) -> tuple[Iterator[Packed], int | None, list[BadRecord]]:
+    shards = [str(shard) for shard in store.shard_paths(path)]
+    records: Any = grain.sources.ArrayRecordDataSource(shards)
+    dataset = grain.MapDataset.source(records).map(store.decode)
+    return iter(dataset.to_iter_dataset()), len(records), []
+
+
+def matching_files(pattern: str) -> list[pathlib.Path]:
+    """Returns the files of a name or pattern, sorted.
+
+    Raises:
+        FileNotFoundError: if there is none.
+    """
+    paths = [pathlib.Path(name) for name in sorted(glob.glob(pattern, recursive=True))]
+    if pathlib.Path(pattern).is_file():
+        paths = [pathlib.Path(pattern)]
+    files = [path for path in paths if path.is_file()]
+    if not files:
+        raise FileNotFoundError(
+            f"no file matches '{pattern}'; name a store made by 'drivetrain prepare', "
+            "a file, a quoted pattern of files, or synthetic:FIRST:COUNT"
+        )
+    return files
+
+
+def _read_files(source: Source, bad: list[BadRecord]) -> Iterator[Packed]:
+    config = PackConfig(quantize=source.quantize)
+    for path in matching_files(source.path):
+        for record in readers.read(path):
+            if isinstance(record, BadRecord):
+                bad.append(record)
+            else:
+                yield pack(record, config)

@@ -1,0 +1,296 @@
+"""Packs a scenario into the compact form that the store keeps and the device holds.
+
+Polylines are simplified, coordinates become 16-bit numbers, only valid object-steps are
+kept, and what is constant in the scenario is computed here once: the index of the road
+edges, the side of each edge vertex, arc lengths along the ego's paths.
+"""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..scenario import EDGES, Paths, Polylines, Scenario, Tracks
+from . import edge_index, routes
+from .simplify import kept_points
+
+JOINED = 32  # added to the map type of a vertex from which a segment leads on
+LIGHT_VALID = 16  # added to the state of a light that was seen
+QUANTUM = 0.01  # metres, and metres per second
+YAW_QUANTUM = 2 * np.pi / 2**16  # radians
+_MAX_INT16 = 2**15 - 1
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PackConfig:
+    """How scenarios are packed."""
+
+    simplify: float = 0.03  # greatest deviation of simplified polylines [m]
+    quantize: bool = True  # 16-bit numbers; else float32 and no simplification
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Packed:
+    """A packed scenario.
+
+    Objects are sorted: the ego first, then those the data set marks, then by their
+    least distance to the ego. Coordinates are `centre + quantum * stored`, in the
+    scenario's frame; adding `origin` gives the file's.
+    """
+
+    scenario_id: str
+    dataset: str
+    ego_source: str
+    route_source: str
+    dt: float
+    current_step: int
+    num_steps: int
+    origin: Float[np.ndarray, " 3"]
+    centre: Float[np.ndarray, " 3"]
+    quantum: float
+    object_id: Int[np.ndarray, " objects"]
+    object_type: Int[np.ndarray, " objects"]
+    object_size: Float[np.ndarray, "objects 3"]
+    valid_bits: Int[np.ndarray, "objects words"]  # bit t % 32 of word t // 32
+    poses: np.ndarray  # [valid object-steps, 3], object after object
+    turns: np.ndarray  # [valid object-steps, 3]: yaw and velocity
+    vertices: np.ndarray  # [vertices, 3], road edges first
+    vertex_tag: Int[np.ndarray, " vertices"]  # map type, plus JOINED
+    edge_normal: np.ndarray  # [edge vertices]: direction towards the road
+    index_corner: Float[np.ndarray, " 2"]
+    index_shape: Int[np.ndarray, " 2"]
+    index_nodes: Int[np.ndarray, " nodes"]
+    index_blocks: Int[np.ndarray, " candidates"]
+    num_index_dropped: int
+    light_xyz: np.ndarray  # [lights, 3]
+    light_state: Int[np.ndarray, "lights steps"]  # state, plus LIGHT_VALID
+    path_vertices: np.ndarray  # [path vertices, 2]
+    path_arc: Float[np.ndarray, " path_vertices"]  # along the path [m]
+    path_offset: Int[np.ndarray, " paths_plus_1"]
+    path_on_route: Bool[np.ndarray, " paths"]
+    path_log_arc: Float[np.ndarray, "paths 2"]  # of the first and last logged position
+
+    @property
+    def num_bytes(self) -> int:
+        """How many bytes the arrays take."""
+        values = (getattr(self, field.name) for field in dataclasses.fields(self))
+        return sum(value.nbytes for value in values if isinstance(value, np.ndarray))
+
+
+def pack(scenario: Scenario, config: PackConfig) -> Packed:
+    """Packs a scenario that passed `scenario.check`; finds its paths if it has none."""
+    scenario = routes.with_paths(scenario)
+    assert scenario.paths is not None
+    tracks, origin = scenario.tracks, scenario.origin
+    order = _object_order(tracks, scenario.ego_index)
+    valid = tracks.valid[order]
+    centre, quantum = _coordinates(scenario, config.quantize)
+    scale = _Scale(origin + centre, quantum, config.quantize)
+
+    vertices, tag = _map(scenario.roads, scale, config)
+    num_edge_vertices = int(np.isin(tag & (JOINED - 1), EDGES).sum())
+    edges = scale.decode(vertices[:num_edge_vertices]) - origin
+    joined = tag[:num_edge_vertices] >= JOINED
+    index = edge_index.build(edges, joined)
+    path_vertices, path_offset = _paths(scenario.paths, scale, config)
+    arc, log_arc = _arc_lengths(
+        scale.decode(path_vertices), path_offset, _logged_ends(scenario)
+    )
+    return Packed(
+        scenario_id=scenario.scenario_id,
+        dataset=scenario.dataset,
+        ego_source=scenario.ego_source,
+        route_source=scenario.paths.source,
+        dt=scenario.dt,
+        current_step=scenario.current_step,
+        num_steps=scenario.num_steps,
+        origin=origin,
+        centre=centre.astype(np.float32),
+        quantum=quantum,
+        object_id=tracks.object_id[order].astype(np.int64),
+        object_type=tracks.object_type[order].astype(np.int8),
+        object_size=tracks.size[order].astype(np.float32),
+        valid_bits=_bits(valid),
+        poses=scale.encode(tracks.xyz[order][valid]),
+        turns=_encode_turns(
+            tracks.yaw[order][valid], tracks.velocity[order][valid], config.quantize
+        ),
+        vertices=vertices,
+        vertex_tag=tag,
+        edge_normal=_encode_yaw(_edge_normals(edges, joined), config.quantize),
+        index_corner=index.corner.astype(np.float32),
+        index_shape=index.shape,
+        index_nodes=index.nodes,
+        index_blocks=index.blocks.astype(np.uint16),
+        num_index_dropped=index.num_dropped,
+        light_xyz=scale.encode(scenario.lights.xyz),
+        light_state=(
+            scenario.lights.state + LIGHT_VALID * scenario.lights.valid
+        ).astype(np.uint8),
+        path_vertices=path_vertices[:, :2],
+        path_arc=arc.astype(np.float32),
+        path_offset=path_offset.astype(np.int32),
+        path_on_route=scenario.paths.on_route,
+        path_log_arc=log_arc.astype(np.float32),
+    )
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Scale:
+    """Turns coordinates of the file into stored numbers and back."""
+
+    centre: Float[np.ndarray, " 3"]
+    quantum: float
+    quantize: bool
+
+    def encode(self, xyz):
+        offset = xyz - self.centre
+        if not self.quantize:
+            return offset.astype(np.float32)
+        return np.round(offset / self.quantum).astype(np.int16)
+
+    def decode(self, stored):
+        return self.centre + self.quantum * stored.astype(np.float64)
+
+
+def _coordinates(scenario: Scenario, quantize: bool):
+    """Returns the centre of all coordinates and the quantum that makes them fit."""
+    if not quantize:
+        return np.zeros(3), 1.0
+    assert scenario.paths is not None
+    points = np.concatenate(
+        [
+            scenario.tracks.xyz[scenario.tracks.valid],
+            scenario.roads.xyz,
+            scenario.lights.xyz,
+            scenario.paths.xyz,
+        ]
+    )
+    low, high = (
+        points.min(axis=0) - scenario.origin,
+        points.max(axis=0) - scenario.origin,
+    )
+    centre = ((low + high) / 2).astype(np.float32).astype(np.float64)
+    quantum = QUANTUM
+    while (high - low).max() / 2 + 1 > quantum * _MAX_INT16:  # wider than 655 m
+        quantum *= 2
+    return centre, quantum
+
+
+def _object_order(tracks: Tracks, ego_index: int):
+    """Sorts objects so that a prefix holds those that matter most to the ego."""
+    both = tracks.valid & tracks.valid[ego_index]
+    offset = tracks.xyz[..., :2] - tracks.xyz[ego_index, :, :2]
+    distance = np.where(both, np.linalg.norm(offset, axis=-1), np.inf).min(axis=1)
+    distance[tracks.is_of_interest] = -1
+    distance[ego_index] = -2
+    order = np.argsort(distance, kind="stable")
+    return order[tracks.valid[order].any(axis=1)]
+
+
+def _bits(valid) -> Int[np.ndarray, "objects words"]:
+    num_objects, num_steps = valid.shape
+    padded = np.zeros((num_objects, -(-num_steps // 32) * 32), bool)
+    padded[:, :num_steps] = valid
+    return np.packbits(padded, axis=1, bitorder="little").view("<u4")
+
+
+def _encode_yaw(yaw, quantize: bool):
+    wrapped = (yaw + np.pi) % (2 * np.pi) - np.pi
+    if not quantize:
+        return wrapped.astype(np.float32)
+    return np.round(wrapped / YAW_QUANTUM).astype(np.int32).astype(np.int16)
+
+
+def _encode_turns(yaw, velocity, quantize: bool):
+    if quantize:
+        limit = QUANTUM * _MAX_INT16
+        velocity = np.round(np.clip(velocity, -limit, limit) / QUANTUM).astype(np.int16)
+    stored_yaw = _encode_yaw(yaw, quantize)[:, None]
+    return np.concatenate([stored_yaw, velocity.astype(stored_yaw.dtype)], axis=1)
+
+
+def _map(roads: Polylines, scale: _Scale, config: PackConfig):
+    """Returns the stored vertices of the map and their tags, road edges first."""
+    lengths = np.diff(roads.offset)
+    is_edge = np.isin(roads.map_type, EDGES)
+    features = np.concatenate([np.flatnonzero(is_edge), np.flatnonzero(~is_edge)])
+    features = features[lengths[features] > 0]
+    every = np.arange(len(roads.xyz))
+    points = np.concatenate(
+        [every[roads.offset[i] : roads.offset[i + 1]] for i in features]
+    )
+    feature = np.repeat(np.arange(len(features)), lengths[features])
+    stored = scale.encode(roads.xyz[points])
+    repeats = np.append(False, (feature[1:] == feature[:-1]) & _same(stored))
+    points, feature, stored = points[~repeats], feature[~repeats], stored[~repeats]
+    if config.quantize:
+        offset = np.searchsorted(feature, np.arange(len(features) + 1))
+        kept = kept_points(roads.xyz[points], offset, config.simplify)
+        feature, stored = feature[kept], stored[kept]
+    joined = np.append(feature[1:] == feature[:-1], False)
+    tag = roads.map_type[features][feature] + JOINED * joined
+    return stored, tag.astype(np.uint8)
+
+
+def _same(stored):
+    return (stored[1:] == stored[:-1]).all(axis=1)
+
+
+def _edge_normals(edges, joined) -> Float[np.ndarray, " edge_vertices"]:
+    """Returns the direction from each edge vertex towards the road [rad].
+
+    It is the mean of the left normals of all edge segments that end in the place of the
+    vertex, whichever edge they belong to: maps break edges into pieces.
+    """
+    if not len(edges):
+        return np.zeros(0)
+    start = np.flatnonzero(joined)
+    along = edges[start + 1, :2] - edges[start, :2]
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    left = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.where(
+        length > 0, length, 1
+    )
+    _, place = np.unique(np.round(edges / QUANTUM), axis=0, return_inverse=True)
+    total = np.zeros((place.max() + 1, 2))
+    np.add.at(total, place[start], left)
+    np.add.at(total, place[start + 1], left)
+    folded = np.linalg.norm(total, axis=1) < 1e-6  # an edge that turns back on itself
+    total[place[start[folded[place[start]]]]] = left[folded[place[start]]]
+    return np.arctan2(total[place, 1], total[place, 0])
+
+
+def _paths(paths: Paths, scale: _Scale, config: PackConfig):
+    stored = scale.encode(paths.xyz)
+    if not config.quantize:
+        return stored, paths.offset
+    kept = kept_points(paths.xyz, paths.offset, config.simplify)
+    before = np.concatenate([[0], np.cumsum(kept)])
+    return stored[kept], before[paths.offset]
+
+
+def _logged_ends(scenario: Scenario) -> Float[np.ndarray, "2 2"]:
+    steps = np.flatnonzero(scenario.tracks.valid[scenario.ego_index])
+    return scenario.tracks.xyz[scenario.ego_index, steps[[0, -1]], :2]
+
+
+def _arc_lengths(vertices, offset, points):
+    """Returns the arc length of each path vertex, and of points on each path."""
+    xy = vertices[:, :2]
+    arc = np.zeros(len(xy))
+    nearest_arc = np.zeros((len(offset) - 1, len(points)))
+    for i in range(len(offset) - 1):
+        path = slice(offset[i], offset[i + 1])
+        along = np.diff(xy[path], axis=0)
+        length = np.linalg.norm(along, axis=1)
+        arc[path] = np.append(0, np.cumsum(length))
+        if not len(along):
+            continue
+        from_start = points[:, None] - xy[path][:-1]
+        share = (from_start * along).sum(-1) / np.where(length > 0, length**2, 1)
+        share = np.clip(share, 0, 1)
+        distance = np.linalg.norm(from_start - share[..., None] * along, axis=-1)
+        segment = distance.argmin(axis=1)
+        chosen = share[np.arange(len(points)), segment]
+        nearest_arc[i] = arc[path][segment] + chosen * length[segment]
+    return arc, nearest_arc

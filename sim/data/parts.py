@@ -1,0 +1,170 @@
+"""Builds parts of a scenario from the columns that the readers of WOMD find."""
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from ..scenario import (
+    Lights,
+    LightState,
+    MapType,
+    ObjectType,
+    Polylines,
+    ScenarioError,
+)
+
+POLYGONS = (MapType.CROSSWALK, MapType.SPEED_BUMP, MapType.DRIVEWAY)
+MAX_LIGHT_STEPS = 10**7  # beyond, a damaged record would ask for gigabytes
+
+
+def zero_unless(
+    valid: Bool[np.ndarray, "*leading"], values: Float[np.ndarray, "*leading features"]
+) -> Float[np.ndarray, "*leading features"]:
+    """Returns the values in float64, zero where they are not valid."""
+    return np.where(valid[..., None], values, 0.0).astype(np.float64)
+
+
+def wrap_angle(angle: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+    """Returns the angle [rad] in [-pi, pi]; one that lies there stays as it is."""
+    return angle - 2 * np.pi * np.round(angle / (2 * np.pi))
+
+
+def object_types(codes: Int[np.ndarray, " objects"]) -> Int[np.ndarray, " objects"]:
+    """Returns codes of WOMD as `ObjectType`: negative is unset, unknown is other."""
+    known = np.where(codes > max(ObjectType), ObjectType.OTHER, codes)
+    return np.maximum(known, ObjectType.UNSET)
+
+
+def constant_size(
+    size: Float[np.ndarray, "objects steps 3"],
+    valid: Bool[np.ndarray, "objects steps"],
+    current_step: int,
+) -> Float[np.ndarray, "objects 3"]:
+    """Returns one size [m] for each object: that of the valid step nearest to now.
+
+    An object that is never valid has size zero.
+
+    Raises:
+        ScenarioError: if there is no step.
+    """
+    num_objects, num_steps = valid.shape
+    if num_steps == 0:
+        raise ScenarioError("the tracks have no steps")
+    distance = np.abs(np.arange(num_steps) - current_step)
+    nearest = np.where(valid, distance, distance.max() + 1).argmin(axis=1)
+    rows = np.arange(num_objects)
+    return zero_unless(valid[rows, nearest], size[rows, nearest])
+
+
+def polylines(
+    xyz: Float[np.ndarray, "points 3"],
+    num_points: Int[np.ndarray, " features"],
+    map_type: Int[np.ndarray, " features"],
+    feature_id: Int[np.ndarray, " features"],
+) -> Polylines:
+    """Splits points into features, and closes polygons that are open.
+
+    Args:
+        xyz: points of all features, one feature after the other.
+        num_points: of each feature; features without points are left out.
+        map_type: of each feature.
+        feature_id: of each feature.
+
+    Returns:
+        The features.
+    """
+    kept = num_points > 0
+    num_points, map_type = num_points[kept], map_type[kept]
+    end = np.cumsum(num_points)
+    first, last = xyz[end - num_points], xyz[end - 1]
+
+    is_open = np.isin(map_type, POLYGONS) & (first != last).any(axis=1)
+    return Polylines(
+        xyz=np.insert(xyz, end[is_open], first[is_open], axis=0),
+        offset=np.concatenate([[0], np.cumsum(num_points + is_open)]),
+        map_type=map_type,
+        feature_id=feature_id[kept],
+    )
+
+
+def lights(
+    *,
+    lane_id: Int[np.ndarray, " rows"],
+    step: Int[np.ndarray, " rows"],
+    state: Int[np.ndarray, " rows"],
+    xyz: Float[np.ndarray, "rows 3"],
+    valid: Bool[np.ndarray, " rows"],
+    num_steps: int,
+) -> Lights:
+    """Groups what was seen of lights, one row for a lane at a step, by lane.
+
+    A light stands where it was first seen. States that WOMD does not know are UNKNOWN.
+
+    Args:
+        lane_id: the lane that the light controls.
+        step: when it was seen.
+        state: what it showed, as `LightState`.
+        xyz: its stop point [m].
+        valid: whether the row tells a state and a place.
+        num_steps: of the scenario.
+
+    Returns:
+        The lights, ordered by lane.
+
+    Raises:
+        ScenarioError: if a step lies outside the scenario, or there are absurdly many
+            lanes.
+    """
+    outside = (step < 0) | (step >= num_steps)
+    if outside.any():
+        raise ScenarioError(
+            f"a traffic light is told for step {step[outside][0]} of {num_steps} steps"
+        )
+    lanes, row = np.unique(lane_id, return_inverse=True)
+    if len(lanes) * num_steps > MAX_LIGHT_STEPS:
+        raise ScenarioError(
+            f"{len(lanes)} lanes with traffic lights over {num_steps} steps are more "
+            f"than {MAX_LIGHT_STEPS} states"
+        )
+    grid_state = np.full((len(lanes), num_steps), LightState.UNKNOWN, np.int64)
+    grid_valid = np.zeros((len(lanes), num_steps), bool)
+    place = np.zeros((len(lanes), 3))
+
+    is_known = np.isin(state, list(LightState))
+    grid_state[row, step] = np.where(valid & is_known, state, LightState.UNKNOWN)
+    grid_valid[row, step] = valid
+    # Of several assignments to one place the last one stays: the earliest step.
+    latest_first = np.argsort(-step, kind="stable")
+    latest_first = latest_first[valid[latest_first]]
+    place[row[latest_first]] = xyz[latest_first]
+    return Lights(lane_id=lanes, xyz=place, state=grid_state, valid=grid_valid)
+
+
+def no_lights(num_steps: int) -> Lights:
+    """Returns the lights of a scenario that has none."""
+    return Lights(
+        lane_id=np.zeros(0, np.int64),
+        xyz=np.zeros((0, 3)),
+        state=np.zeros((0, num_steps), np.int64),
+        valid=np.zeros((0, num_steps), bool),
+    )
+
+
+def of_interest(
+    object_id: Int[np.ndarray, " objects"],
+    interesting_ids: list[int],
+    predicted_indices: list[int],
+) -> Bool[np.ndarray, " objects"]:
+    """Marks the objects that WOMD lists as interacting or to be predicted.
+
+    Raises:
+        ScenarioError: if a track to predict is not among the tracks.
+    """
+    num_objects = len(object_id)
+    for index in predicted_indices:
+        if not 0 <= index < num_objects:
+            raise ScenarioError(
+                f"tracks_to_predict names track {index}, but there are {num_objects}"
+            )
+    marked = np.isin(object_id, interesting_ids)
+    marked[predicted_indices] = True
+    return marked

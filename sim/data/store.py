@@ -1,0 +1,163 @@
+"""Keeps packed scenarios on disk, in ArrayRecord shards.
+
+A store is a folder with `manifest.json` and, per shard, `shard-00000.array_record` and
+`shard-00000.json`. Everything is written under another name first and then renamed, so
+a store that can be opened is whole.
+"""
+
+import dataclasses
+import hashlib
+import json
+import os
+import pathlib
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import msgpack
+import numpy as np
+from array_record.python import array_record_module  # pyright: ignore
+
+from .pack import Packed
+
+FORMAT_VERSION = 1
+MANIFEST = "manifest.json"
+WRITER_OPTIONS = "group_size:1,zstd:3"
+_DTYPES = "bool float32 float64 int8 int16 int32 int64 uint8 uint16 uint32".split()
+
+
+class StoreError(ValueError):
+    """A store that cannot be read; the message says why and what would help."""
+
+
+def encode(packed: Packed) -> bytes:
+    """Returns the bytes of a packed scenario: equal scenarios give equal bytes."""
+    fields = {
+        field.name: _encode_value(getattr(packed, field.name))
+        for field in dataclasses.fields(Packed)
+    }
+    return msgpack.Packer().pack(fields)
+
+
+def decode(record: bytes) -> Packed:
+    """Returns the packed scenario of bytes that `encode` made.
+
+    Raises:
+        StoreError: if the bytes are something else.
+    """
+    try:
+        fields = msgpack.unpackb(record)
+        return Packed(**{name: _decode_value(fields[name]) for name in fields})
+    except (ValueError, TypeError, KeyError, msgpack.UnpackException) as error:
+        raise StoreError(
+            f"a record is no packed scenario of this version ({error}); "
+            "make the store anew with 'drivetrain prepare'"
+        ) from error
+
+
+def _encode_value(value: Any) -> Any:
+    if not isinstance(value, np.ndarray):
+        return value
+    return [value.dtype.name, list(value.shape), np.ascontiguousarray(value).tobytes()]
+
+
+def _decode_value(value: Any) -> Any:
+    if not isinstance(value, list):
+        return value
+    dtype, shape, data = value
+    if dtype not in _DTYPES:
+        raise ValueError(f"'{dtype}' is no dtype of a packed scenario")
+    return np.frombuffer(data, dtype).reshape(shape)
+
+
+def write_json(path: pathlib.Path, value: Any) -> None:
+    """Writes JSON so that the file is either whole or not there."""
+    partial = path.with_name(f"{path.name}.partial")
+    partial.write_text(json.dumps(value, indent=1) + "\n")
+    os.replace(partial, path)
+
+
+def write_shard(path: pathlib.Path, scenarios: Iterable[Packed]) -> str:
+    """Writes a shard and returns the SHA-256 of its bytes."""
+    partial = path.with_name(f"{path.name}.partial")
+    writer = array_record_module.ArrayRecordWriter(str(partial), WRITER_OPTIONS)
+    try:
+        for packed in scenarios:
+            writer.write(encode(packed))
+    finally:
+        writer.close()
+    digest = file_digest(partial)
+    os.replace(partial, path)
+    return digest
+
+
+def file_digest(path: pathlib.Path) -> str:
+    """Returns the SHA-256 of a file."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def is_store(path: pathlib.Path) -> bool:
+    """Tells whether a folder is a finished store."""
+    return (path / MANIFEST).is_file()
+
+
+def read_manifest(path: pathlib.Path) -> dict[str, Any]:
+    """Returns the manifest of a store.
+
+    Raises:
+        FileNotFoundError: if the folder is not there or holds no finished store.
+        StoreError: if it was made by another version, or a shard is gone.
+    """
+    if not path.exists():
+        raise FileNotFoundError(
+            f"no store at '{path}'; make one with 'drivetrain prepare FILES {path}'"
+        )
+    if not is_store(path):
+        raise FileNotFoundError(
+            f"'{path}' holds no finished store: {MANIFEST} is missing; "
+            f"run 'drivetrain prepare FILES {path}', which continues where it was"
+        )
+    try:
+        manifest = json.loads((path / MANIFEST).read_text())
+        version = manifest["format_version"]
+        names = [shard["name"] for shard in manifest["shards"]]
+    except (ValueError, KeyError, TypeError) as error:
+        raise StoreError(
+            f"'{path / MANIFEST}' is damaged ({error}); delete it and run prepare again"
+        ) from error
+    if version != FORMAT_VERSION:
+        raise StoreError(
+            f"the store '{path}' has format {version}, this version reads "
+            f"{FORMAT_VERSION}; make it anew with 'drivetrain prepare'"
+        )
+    for name in names:
+        if pathlib.PurePath(name).name != name or not (path / name).is_file():
+            raise StoreError(
+                f"shard '{name}' of the store '{path}' is missing; "
+                "run prepare again with the same files"
+            )
+    return manifest
+
+
+def shard_paths(path: pathlib.Path) -> list[pathlib.Path]:
+    """Returns the shards of a store, in order.
+
+    Raises:
+        FileNotFoundError: if there is no finished store.
+        StoreError: if the store is damaged.
+    """
+    return [path / shard["name"] for shard in read_manifest(path)["shards"]]
+
+
+def read(path: pathlib.Path) -> Iterator[Packed]:
+    """Yields the scenarios of a store in order.
+
+    Raises:
+        FileNotFoundError: if there is no finished store.
+        StoreError: if the store is damaged.
+    """
+    for shard in shard_paths(path):
+        reader = array_record_module.ArrayRecordReader(str(shard))
+        for i in range(reader.num_records()):
+            yield decode(reader.read([i])[0])
+        reader.close()

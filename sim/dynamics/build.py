@@ -1,0 +1,31 @@
+"""Knows the dynamics by name."""
+
+import difflib
+
+from .base import Dynamics
+from .bicycle import bicycle
+from .delta import delta
+from .discretize import discretize
+
+DYNAMICS = {
+    "delta": lambda: delta("local"),
+    "delta_global": lambda: delta("global"),
+    "delta_discrete": lambda: discretize(delta("local"), (21, 21, 31)),
+    "bicycle": bicycle,
+    "bicycle_discrete": lambda: discretize(bicycle(), (13, 25)),
+}
+
+
+def build(name: str) -> Dynamics:
+    """Builds dynamics by name.
+
+    Raises:
+        ValueError: if no dynamics have that name.
+    """
+    if name not in DYNAMICS:
+        near = difflib.get_close_matches(name, DYNAMICS, n=1)
+        hint = f"; did you mean '{near[0]}'?" if near else "."
+        raise ValueError(
+            f"unknown dynamics '{name}'{hint} Known: {', '.join(DYNAMICS)}."
+        )
+    return DYNAMICS[name]()

@@ -1,0 +1,70 @@
+"""Turns continuous dynamics into discrete ones over a uniform grid of actions."""
+
+import math
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from ..motion import Motion
+from .base import Action, Continuous, Discrete, Duration, Dynamics
+
+
+def to_index(
+    action: Float[Array, "*objects features"], spec: Continuous, bins: tuple[int, ...]
+) -> Int[Array, "*objects"]:
+    """Returns the number of the nearest grid point, ties to the even bin.
+
+    The first feature is the slowest. Values beyond the bounds go to the outermost bin.
+    """
+    low, high = jnp.array(spec.low), jnp.array(spec.high)
+    last_bin = jnp.array(bins) - 1
+    position = (action - low) / (high - low) * last_bin
+    nearest = jnp.clip(jnp.round(position), 0, last_bin).astype(jnp.int32)
+    strides = jnp.array([math.prod(bins[i + 1 :]) for i in range(len(bins))])
+    return jnp.sum(nearest * strides, axis=-1)
+
+
+def to_action(
+    index: Int[Array, "*objects"], spec: Continuous, bins: tuple[int, ...]
+) -> Float[Array, "*objects features"]:
+    """Returns the grid point of a number."""
+    low, high = jnp.array(spec.low), jnp.array(spec.high)
+    nearest = jnp.stack(jnp.unravel_index(index, bins), axis=-1)
+    return low + nearest * ((high - low) / (jnp.array(bins) - 1))
+
+
+def discretize(dynamics: Dynamics, bins: tuple[int, ...]) -> Dynamics:
+    """Builds the discrete form of continuous dynamics: an action is one integer.
+
+    Args:
+        dynamics: with a `Continuous` action spec, whose bounds are the grid's ends.
+        bins: grid points of each feature, at least two.
+
+    Raises:
+        ValueError: if the dynamics are discrete already or the bins do not fit them.
+    """
+    spec = dynamics.action_spec
+    if not isinstance(spec, Continuous):
+        raise ValueError(f"{dynamics.name} is discrete already.")
+    if len(bins) != len(spec.low) or min(bins) < 2:
+        raise ValueError(
+            f"bins must be {len(spec.low)} numbers of at least 2 for {dynamics.name}, "
+            f"got {bins}."
+        )
+
+    def forward(motion: Motion, action: Action, dt: Duration) -> Motion:
+        return dynamics.forward(motion, to_action(action, spec, bins), dt)
+
+    def inverse(before: Motion, after: Motion, dt: Duration) -> Action:
+        return to_index(dynamics.inverse(before, after, dt), spec, bins)
+
+    def coast(motion: Motion, dt: Duration) -> Action:
+        return to_index(dynamics.coast(motion, dt), spec, bins)
+
+    return Dynamics(
+        f"{dynamics.name}_discrete",
+        Discrete(math.prod(bins)),
+        forward,
+        inverse,
+        coast,
+    )

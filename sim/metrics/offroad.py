@@ -1,0 +1,27 @@
+"""Tells whether an object has left the road (W 3.4)."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Int
+
+from .. import geometry
+from .base import Measure, Metric, Moment
+
+
+def measure(moment: Moment, number: Int[Array, ""]) -> Measure:
+    """Returns 1 where a corner of the box lies right of its nearest road edge.
+
+    The nearest edge is sought at the height of the box, so that a bridge is told from
+    the road under it. Not valid where the map has no road edge.
+    """
+    motion = moment.after
+    corners = geometry.box_corners(
+        motion.xy[number], motion.yaw[number], moment.object_size[number]
+    )
+    height = jnp.broadcast_to(motion.xyz[number, 2], (4, 1))
+    edge = moment.scene.nearest_edge(jnp.concatenate([corners, height], axis=-1))
+    valid = motion.valid[number] & jnp.all(edge.valid)
+    off = jnp.any(edge.signed_distance > 0) & valid
+    return Measure(value=off.astype(jnp.float32), valid=valid)
+
+
+OFFROAD = Metric("offroad", False, measure)

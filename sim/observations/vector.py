@@ -1,0 +1,154 @@
+"""Observes the world as vectors in the pose of the ego (W 3.2).
+
+Five groups of tokens: the ego and the nearest objects with their history, the nearest
+pieces of the map, the traffic lights, and places ahead on the route.
+"""
+
+import dataclasses
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from .. import geometry
+from ..metrics import route
+from ..metrics.build import EGO
+from ..motion import Motion
+from ..scenario import EDGES, LANES, NUM_MAP_TYPES, LightState, MapType, ObjectType
+from ..scene import Scene
+from .base import Observation, TokenGroup
+from .ego_frame import LENGTH_UNIT, SIZE_UNIT, EgoFrame, stack
+from .nearest import nearest
+
+OBJECT_KINDS = (ObjectType.VEHICLE, ObjectType.PEDESTRIAN, ObjectType.CYCLIST)
+ROAD_KINDS = (
+    LANES,
+    tuple(range(MapType.LINE_UNKNOWN, MapType.EDGE_UNKNOWN)),
+    EDGES,
+    (MapType.STOP_SIGN,),
+    (MapType.CROSSWALK,),
+    (MapType.SPEED_BUMP, MapType.DRIVEWAY),
+)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class VectorConfig:
+    """How much of the world the ego sees."""
+
+    history: int = 10  # steps before the present one
+    num_objects: int = 16
+    num_road: int = 128  # pieces of map features
+    num_lights: int = 8
+    num_route: int = 16  # places ahead on the route; 0 leaves the route out
+    route_spacing: float = 4.0  # metres between them
+    radius: float = 80.0  # metres beyond which nothing is seen
+
+
+Observe = Callable[
+    [Scene, Motion, Float[Array, "objects 3"], Int[Array, ""]], Observation
+]
+
+
+def vector(config: VectorConfig) -> Observe:
+    """Builds the observation function.
+
+    The function takes the scene, the motion of the last `history + 1` steps (oldest
+    first, with a leading axis of steps), the size of each object, and the present step.
+    """
+
+    def observe(
+        scene: Scene,
+        motion: Motion,
+        object_size: Float[Array, "objects 3"],
+        step: Int[Array, ""],
+    ) -> Observation:
+        now = jax.tree.map(lambda leaf: leaf[-1], motion)
+        ego = EgoFrame(xy=now.xy[EGO], yaw=now.yaw[EGO])
+        kinds = jnp.asarray(_OBJECT_KIND)[scene.object_type]
+        seen = stack(
+            ego.place(motion.xy),
+            ego.heading(motion.yaw),
+            ego.velocity(motion.velocity),
+            jnp.broadcast_to(object_size[:, :2] / SIZE_UNIT, (*motion.yaw.shape, 2)),
+            jnp.broadcast_to(kinds, (*motion.yaw.shape, kinds.shape[-1])),
+        )
+        groups = {
+            "ego": _tokens(seen[:, EGO : EGO + 1], motion.valid[:, EGO : EGO + 1]),
+            "objects": _objects(config, now, seen, motion.valid),
+            "road": _road(config, scene, ego),
+            "lights": _lights(config, scene, ego, step),
+        }
+        if config.num_route:
+            groups["route"] = _route(config, scene, ego)
+        return groups
+
+    return observe
+
+
+def _tokens(values, mask) -> TokenGroup:
+    """Makes tokens of values and a mask whose leading axis is steps."""
+    values = jnp.where(mask[..., None], values, 0.0)
+    return TokenGroup(values=jnp.swapaxes(values, 0, 1), mask=mask.T)
+
+
+def _objects(config, now: Motion, seen, valid) -> TokenGroup:
+    distance = geometry.norm(now.xy - now.xy[EGO])
+    there = now.valid & (distance <= config.radius)
+    number, present = nearest(distance, there.at[EGO].set(False), config.num_objects)
+    return _tokens(seen[:, number], valid[:, number] & present)
+
+
+def _road(config, scene: Scene, ego: EgoFrame) -> TokenGroup:
+    """Shows the nearest pieces of the map: nearest point, both ends and the kind."""
+    pieces = scene.map_segments()
+    start, end = pieces.start[:, :2], pieces.end[:, :2]
+    share = geometry.nearest_on_segment(ego.xy, start, end)
+    closest = start + share[:, None] * (end - start)
+    distance = geometry.norm(closest - ego.xy)
+    there = pieces.valid & (distance <= config.radius)
+    number, present = nearest(distance, there, config.num_road)
+    places = (ego.place(xy[number]) for xy in (closest, start, end))
+    kinds = jnp.asarray(_ROAD_KIND)[pieces.map_type[number]]
+    return _tokens(stack(*places, kinds)[None], present[None])
+
+
+def _lights(config, scene: Scene, ego: EgoFrame, step) -> TokenGroup:
+    lights = scene.lights_at(step)
+    distance = geometry.norm(lights.xyz[:, :2] - ego.xy)
+    there = lights.valid & (distance <= config.radius)
+    number, present = nearest(distance, there, config.num_lights)
+    state = jax.nn.one_hot(lights.state[number], len(LightState))
+    place = ego.place(lights.xyz[number, :2])
+    return _tokens(stack(place, state)[None], present[None])
+
+
+def _route(config, scene: Scene, ego: EgoFrame) -> TokenGroup:
+    """Shows places at equal spacing ahead on the nearest on-route path."""
+    paths = scene.path_segments()
+    here = route.locate(paths, ego.xy)
+    arc = here.arc + config.route_spacing * jnp.arange(config.num_route)
+    on_path = paths.valid & (paths.path == here.path)
+    begun = on_path & (paths.arc <= arc[:, None])
+    segment = jnp.argmax(jnp.where(begun, paths.arc, -jnp.inf), axis=-1)
+    along = (paths.end - paths.start)[segment]
+    length = geometry.norm(along)
+    share = (arc - paths.arc[segment]) / jnp.where(length > 0, length, 1.0)
+    place = ego.place(paths.start[segment] + share[:, None] * along)
+    heading = ego.heading(jnp.arctan2(along[:, 1], along[:, 0]))
+    reached = jnp.any(begun, axis=-1) & (share <= 1.0 + 1e-3)
+    near = geometry.norm(place) * LENGTH_UNIT <= config.radius
+    return _tokens(stack(place, heading)[None], (reached & near)[None])
+
+
+def _groups_of_codes(groups, num_codes: int) -> np.ndarray:
+    """Returns the one-hot group of each code; all zero for codes of no group."""
+    rows = np.zeros((num_codes, len(groups)), np.float32)
+    for number, codes in enumerate(groups):
+        rows[list(codes), number] = 1
+    return rows
+
+
+_OBJECT_KIND = _groups_of_codes([(kind,) for kind in OBJECT_KINDS], len(ObjectType))
+_ROAD_KIND = _groups_of_codes(ROAD_KINDS, NUM_MAP_TYPES)

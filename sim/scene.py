@@ -1,0 +1,249 @@
+"""Views one scenario of a bank: each accessor gathers just what is asked for.
+
+The frame is the scenario's: the map frame of its file, moved so that the ego stands in
+the origin at the current step.
+"""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from . import geometry
+from .data import edge_index, pack
+from .data.bank import Bank
+from .motion import Motion
+from .records import Record
+
+
+class Lights(Record):
+    """The traffic lights of a scenario at one step."""
+
+    xyz: Float[Array, "lights 3"]  # stop points [m]
+    state: Int[Array, " lights"]  # LightState
+    valid: Bool[Array, " lights"]
+
+
+class Segments(Record):
+    """Pieces of map features: a straight piece, or a point where both ends agree."""
+
+    start: Float[Array, "segments 3"]  # metres
+    end: Float[Array, "segments 3"]  # metres
+    map_type: Int[Array, " segments"]  # MapType
+    valid: Bool[Array, " segments"]
+
+
+class PathSegments(Record):
+    """Pieces of the ways that the ego could take."""
+
+    start: Float[Array, "segments 2"]  # metres
+    end: Float[Array, "segments 2"]  # metres
+    arc: Float[Array, " segments"]  # of the start, along its path [m]
+    path: Int[Array, " segments"]
+    on_route: Bool[Array, " segments"]
+    log_arc: Float[Array, "segments 2"]  # of the log's first and last position [m]
+    valid: Bool[Array, " segments"]
+
+
+class Edge(Record):
+    """The nearest road edge of a point."""
+
+    signed_distance: Float[Array, ""]  # metres, positive off the road
+    valid: Bool[Array, ""]  # False if the scenario has no road edge
+
+
+class Scene(Record):
+    """One scenario of a bank, by its number."""
+
+    bank: Bank
+    index: Int[Array, ""]
+
+    @property
+    def current_step(self) -> Int[Array, ""]:
+        """The last step of history."""
+        return self.bank.current_step[self.index]
+
+    @property
+    def num_steps(self) -> Int[Array, ""]:
+        """How many logged steps the scenario has."""
+        return self.bank.num_steps[self.index]
+
+    @property
+    def object_mask(self) -> Bool[Array, " objects"]:
+        """Which object slots the scenario uses."""
+        slots = jnp.arange(self.bank.sizes.num_objects)
+        return slots < self.bank.num_objects[self.index]
+
+    @property
+    def object_size(self) -> Float[Array, "objects 3"]:
+        """Length, width and height of each object [m]; zero in empty slots."""
+        size = self._objects(self.bank.object_size)
+        return jnp.where(self.object_mask[:, None], size, 0.0)
+
+    @property
+    def object_type(self) -> Int[Array, " objects"]:
+        """The ObjectType of each object; zero in empty slots."""
+        kinds = self._objects(self.bank.object_type).astype(jnp.int32)
+        return jnp.where(self.object_mask, kinds, 0)
+
+    def log_at(self, step: Int[Array, ""]) -> Motion:
+        """Returns the logged motion of all objects at a step; none is valid outside."""
+        bits, first_row = map(
+            self._objects, (self.bank.valid_bits, self.bank.first_row)
+        )
+        return self._log(bits, first_row, step, self.object_mask)
+
+    def log_of(self, number: Int[Array, ""]) -> Motion:
+        """Returns the logged motion of one object at all steps of the bank."""
+        place = self.bank.first_object[self.index] + number
+        steps = jnp.arange(self.bank.sizes.num_steps)
+        log = functools.partial(
+            self._log, self.bank.valid_bits[place], self.bank.first_row[place]
+        )
+        return jax.vmap(log, in_axes=(0, None))(steps, self.object_mask[number])
+
+    def _log(self, bits, first_row, step, exists) -> Motion:
+        """Gathers a step: its row is the number of valid steps before it."""
+        in_log = (step >= 0) & (step < self.num_steps)
+        step = jnp.where(in_log, step, 0).astype(jnp.uint32)
+        word, bit = step // 32, step % 32
+        words = jnp.arange(bits.shape[-1], dtype=jnp.uint32)
+        before = jnp.where(words == word, (jnp.uint32(1) << bit) - 1, 0)
+        before = jnp.where(words < word, jnp.uint32(0xFFFFFFFF), before)
+        rank = jnp.sum(
+            jax.lax.population_count(bits & before), axis=-1, dtype=jnp.int32
+        )
+        is_set = (jnp.take(bits, word, axis=-1) >> bit) & 1
+        valid = (is_set == 1) & in_log & exists
+        row = jnp.where(valid, first_row + rank, 0)
+        turns = self.bank.turns[row]
+        yaw, velocity = turns[..., 0], turns[..., 1:]
+        if not jnp.issubdtype(turns.dtype, jnp.floating):
+            yaw = yaw * jnp.float32(pack.YAW_QUANTUM)
+            velocity = velocity * jnp.float32(pack.QUANTUM)
+        return Motion(
+            xyz=jnp.where(valid[..., None], self._metres(self.bank.poses[row]), 0.0),
+            yaw=jnp.where(valid, yaw, 0.0),
+            velocity=jnp.where(valid[..., None], velocity, 0.0),
+            valid=valid,
+        )
+
+    def lights_at(self, step: Int[Array, ""]) -> Lights:
+        """Returns the traffic lights at a step; none is valid outside the log."""
+        first = self.bank.first_light[self.index]
+        count = self.bank.sizes.num_lights
+        state = jax.lax.dynamic_slice_in_dim(self.bank.light_state, first, count)
+        state = jnp.take(state, step, axis=1, mode="clip")
+        in_log = (step >= 0) & (step < self.num_steps)
+        slots = jnp.arange(count) < self.bank.num_lights[self.index]
+        valid = (state >= pack.LIGHT_VALID) & in_log & slots
+        xyz = jax.lax.dynamic_slice_in_dim(self.bank.light_xyz, first, count)
+        return Lights(
+            xyz=jnp.where(valid[:, None], self._metres(xyz), 0.0),
+            state=jnp.where(valid, state % pack.LIGHT_VALID, 0).astype(jnp.int32),
+            valid=valid,
+        )
+
+    def map_segments(self) -> Segments:
+        """Returns the whole map in pieces; signs are pieces of no length."""
+        first = self.bank.first_vertex[self.index]
+        count = self.bank.sizes.num_vertices
+        stored = jax.lax.dynamic_slice_in_dim(self.bank.vertices, first, count)
+        tag = jax.lax.dynamic_slice_in_dim(self.bank.vertex_tag, first, count)
+        vertices = self._metres(stored)
+        joined = tag >= pack.JOINED
+        ended = jnp.roll(joined, 1).at[0].set(False)
+        exists = jnp.arange(count) < self.bank.num_vertices[self.index]
+        return Segments(
+            start=vertices,
+            end=jnp.where(joined[:, None], jnp.roll(vertices, -1, axis=0), vertices),
+            map_type=(tag % pack.JOINED).astype(jnp.int32),
+            valid=exists & (joined | ~ended),
+        )
+
+    def nearest_edge(self, points: Float[Array, "points 3"]) -> Edge:
+        """Finds the nearest road edge of each point and the side on which it lies.
+
+        Nearest is meant in (x, y, 2 z); the distance is planar. The road lies to the
+        left of an edge; where the nearest place is a vertex, the edges that meet there
+        decide together (see `pack`).
+        """
+        bank, index = self.bank, self.index
+        first, count = edge_index.look_up(
+            points[:, :2],
+            bank.index_corner[index],
+            bank.index_shape[index],
+            bank.index_nodes,
+            bank.first_node[index],
+        )
+        slot = jnp.arange(edge_index.MAX_BLOCKS)
+        listed = slot < count[:, None]
+        place = jnp.where(listed, bank.first_block[index] + first[:, None] + slot, 0)
+        block = jnp.where(listed, bank.index_blocks[place].astype(jnp.int32), 0)
+        return jax.vmap(self._nearest_in_blocks)(points, block, listed)
+
+    def _nearest_in_blocks(self, point, block, listed) -> Edge:
+        in_block = jnp.arange(edge_index.BLOCK)
+        number = (edge_index.BLOCK * block[:, None] + in_block).reshape(-1)
+        vertex = self.bank.first_vertex[self.index] + number
+        start = self._metres(self.bank.vertices[vertex])
+        end = self._metres(self.bank.vertices[vertex + 1])
+        tag = self.bank.vertex_tag[vertex]
+        is_edge = tag >= pack.JOINED
+        is_edge &= jnp.repeat(listed, edge_index.BLOCK)
+        is_edge &= number < self.bank.num_edge_vertices[self.index]
+
+        scale = jnp.array([1.0, 1.0, edge_index.HEIGHT_WEIGHT])
+        share = geometry.nearest_on_segment(point * scale, start * scale, end * scale)
+        offset = point - (start + share[:, None] * (end - start))
+        squared = geometry.dot(offset * scale, offset * scale)
+        nearest = jnp.argmin(jnp.where(is_edge, squared, jnp.inf))
+
+        edge = self.bank.first_edge[self.index] + number[nearest]
+        at_end = (share[nearest] >= 1.0).astype(jnp.int32)
+        normal = self.bank.edge_normal[edge + at_end]
+        if not jnp.issubdtype(normal.dtype, jnp.floating):
+            normal = normal * jnp.float32(pack.YAW_QUANTUM)
+        inside = (share[nearest] > 0.0) & (share[nearest] < 1.0)
+        along = (end - start)[nearest, :2]
+        left = jnp.where(
+            inside, jnp.stack([-along[1], along[0]]), geometry.direction(normal)
+        )
+        planar = offset[nearest, :2]
+        off_road = geometry.dot(planar, left) < 0
+        distance = geometry.norm(planar)
+        found = jnp.any(is_edge)
+        signed = jnp.where(off_road, distance, -distance)
+        return Edge(signed_distance=jnp.where(found, signed, -jnp.inf), valid=found)
+
+    def path_segments(self) -> PathSegments:
+        """Returns the ways that the ego could take, in pieces."""
+        bank, index = self.bank, self.index
+        first, count = bank.first_path_vertex[index], bank.sizes.num_path_vertices
+        cut = functools.partial(
+            jax.lax.dynamic_slice_in_dim, start_index=first, slice_size=count
+        )
+        xy = cut(bank.path_vertices)
+        xy = bank.centre[index, :2] + bank.quantum[index] * xy
+        number = cut(bank.path_number).astype(jnp.int32)
+        has_next = jnp.arange(count) + 1 < bank.num_path_vertices[index]
+        valid = has_next & (number == jnp.roll(number, -1))
+        path = bank.first_path[index] + jnp.where(valid, number, 0)
+        return PathSegments(
+            start=xy,
+            end=jnp.where(valid[:, None], jnp.roll(xy, -1, axis=0), xy),
+            arc=cut(bank.path_arc),
+            path=number,
+            on_route=bank.path_on_route[path] & valid,
+            log_arc=bank.path_log_arc[path],
+            valid=valid,
+        )
+
+    def _objects(self, table: Array) -> Array:
+        first = self.bank.first_object[self.index]
+        count = self.bank.sizes.num_objects
+        return jax.lax.dynamic_slice_in_dim(table, first, count)
+
+    def _metres(self, stored: Array) -> Array:
+        return self.bank.centre[self.index] + self.bank.quantum[self.index] * stored
