@@ -73,9 +73,8 @@ def convert(record: bytes, fallback_id: str) -> Scenario:
     document = _document(record)
     metadata = _mapping(document, "metadata")
     with _naming("metadata"):
-        marked = metadata["sdc_track_index"] if "sdc_track_index" in metadata else None
-        if marked is not None:
-            (marked,) = _integers([marked])
+        mark = metadata.get("sdc_track_index")
+        marked = None if mark is None else operator.index(mark)
     tracks = _tracks(document["objects"], metadata)
     ego_index, ego_source = scenario.choose_ego(tracks, marked)
     scenario_id: Any = document.get("scenario_id") or fallback_id

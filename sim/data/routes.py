@@ -5,6 +5,7 @@ Readers hand over scenarios without paths; route metrics and observations use th
 
 import dataclasses
 import heapq
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -47,8 +48,8 @@ class _LaneGraph:
 
     xyz: Float[np.ndarray, "points 3"]
     station: Float[np.ndarray, " points"]  # metres, differences hold within a lane
-    first: Int[np.ndarray, " lanes"]
-    last: Int[np.ndarray, " lanes"]
+    first: list[int]
+    last: list[int]
     successors: dict[int, list[int]]
     neighbors: dict[int, list[int]]
 
@@ -124,7 +125,14 @@ def _lane_graph(roads: Polylines, links: LaneLinks | None) -> _LaneGraph:
             for a, b in links.neighbor.tolist()
             if a in lane_of and b in lane_of
         )
-    return _LaneGraph(xyz, _stations(xyz), first, last, _grouped(pairs), neighbors)
+    return _LaneGraph(
+        xyz=xyz,
+        station=_stations(xyz),
+        first=first.tolist(),
+        last=last.tolist(),
+        successors=_grouped(pairs),
+        neighbors=neighbors,
+    )
 
 
 def _joined_ends(
@@ -214,7 +222,7 @@ def _successors(graph: _LaneGraph, branch: _Branch, length: float) -> list[_Bran
         return []
     pieces = (*branch.pieces, (branch.point, last))
     return [
-        _Branch(0, reached, 0, lane, int(graph.first[lane]), pieces, False)
+        _Branch(0, reached, 0, lane, graph.first[lane], pieces, False)
         for lane in graph.successors.get(branch.lane, ())
     ]
 
@@ -229,14 +237,14 @@ def _changes(graph: _LaneGraph, branch: _Branch) -> list[_Branch]:
         leave = int(np.argmin(np.sum((here - there[entry]) ** 2, axis=-1)))
         if entry == len(there) - 1:
             continue
-        point, leave = int(graph.first[lane]) + entry, branch.point + leave
+        point, leave = graph.first[lane] + entry, branch.point + leave
         length = branch.length + graph.station[leave] - graph.station[branch.point]
         pieces = branch.pieces
         if length > 0:
             pieces = (*pieces, (branch.point, leave))
             target = graph.station[point] + CHANGE_LENGTH
             beside = int(np.searchsorted(graph.station, target))
-            point = min(beside, int(graph.last[lane]))
+            point = min(beside, graph.last[lane])
         elif entry > 0:  # at the start: begin at or behind the ego
             point -= 1
         found.append(_Branch(0, length, 0, lane, point, pieces, True))
@@ -302,7 +310,7 @@ def _on_route(
     return result
 
 
-def _grouped(pairs) -> dict[int, list[int]]:
+def _grouped(pairs: Iterable[tuple[int, int]]) -> dict[int, list[int]]:
     groups: dict[int, list[int]] = {}
     for a, b in pairs:
         if b not in groups.setdefault(a, []):

@@ -83,10 +83,14 @@ def write_shard(path: pathlib.Path, scenarios: Iterable[Packed]) -> str:
     try:
         for packed in scenarios:
             writer.write(encode(packed))
-    finally:
         writer.close()
-    digest = file_digest(partial)
-    os.replace(partial, path)
+        digest = file_digest(partial)
+        os.replace(partial, path)
+    except BaseException:  # a keyboard interrupt too leaves nothing half-written
+        if writer.is_open():
+            writer.close()
+        partial.unlink(missing_ok=True)
+        raise
     return digest
 
 

@@ -38,6 +38,18 @@ class _Plan:
     switch: float  # seconds
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class _Network:
+    """The lanes of a junction: in and out by arm, then those across it."""
+
+    lanes: tuple[roads.Line, ...]
+    successor: tuple[tuple[int, int], ...]
+    neighbor: tuple[tuple[int, int], ...]
+    routes: tuple[tuple[int, ...], ...]  # across by arm and movement, then ways out
+    controlled: tuple[int, ...]  # lanes across
+    phases: tuple[int, ...]  # in which they have green
+
+
 def site(generator: np.random.Generator, num_steps: int) -> roads.Site:
     """Returns a junction; the lights make the ego go, stop, or wait and go."""
     profile = roads.Profile(
@@ -47,10 +59,35 @@ def site(generator: np.random.Generator, num_steps: int) -> roads.Site:
     )
     corner = profile.half_width + generator.uniform(*CORNER)
     arms = [_arm(generator, profile, corner, k) for k in range(4)]
-    num = profile.num_lanes
+    network = _network(arms, profile, corner)
 
+    movement = int(generator.choice([RIGHT, AHEAD, LEFT], p=[0.35, 0.3, 0.35]))
+    ego_route = movement - 1
+    phase = network.phases[ego_route]
+    plan, distance, ego_waits = _situation(generator, phase)
+    lane_in = network.lanes[network.routes[ego_route][0]]
+    return roads.Site(
+        kind="junction",
+        profile=profile,
+        lanes=network.lanes,
+        shapes=_shapes(arms, profile, corner),
+        successor=network.successor,
+        neighbor=network.neighbor,
+        routes=network.routes,
+        ego_route=ego_route,
+        ego_station=_length(lane_in) - distance,
+        ego_waits=ego_waits,
+        controlled=network.controlled,
+        light_state=_light_state(plan, np.array(network.phases), num_steps),
+        footways=tuple(way[APPROACH:] for arm in arms for way in arm.footways),
+        crossings=tuple(_crossing(profile, corner, k) for k in range(4)),
+        walk_time=plan.switch + ALL_RED if plan.before == WALK else 0.0,
+    )
+
+
+def _network(arms: list[roads.Road], profile: roads.Profile, corner: float) -> _Network:
+    num = profile.num_lanes
     lanes, successor, neighbor = [], [], []
-    routes: list[tuple[int, ...]]
     for arm in arms:  # arm k: lanes in from 2 k num, lanes out from (2 k + 1) num
         for run in (
             [lane[:-APPROACH] for lane in arm.backward],
@@ -58,38 +95,24 @@ def site(generator: np.random.Generator, num_steps: int) -> roads.Site:
         ):
             neighbor += roads.beside(range(len(lanes), len(lanes) + num))
             lanes += run
-    routes = [((2 * k + 1) * num + i,) for k in range(4) for i in range(num)]
-    controlled, phases = [], []
+    across, phases = [], []
     for k in range(4):
         for movement in (RIGHT, AHEAD, LEFT):
-            i = 0 if movement == LEFT else num - 1
-            lane_in = 2 * k * num + i
-            lane_out = (2 * ((k + movement) % 4) + 1) * num + i
-            controlled.append(len(lanes))
+            side = 0 if movement == LEFT else num - 1
+            lane_in = 2 * k * num + side
+            lane_out = (2 * ((k + movement) % 4) + 1) * num + side
+            across.append((lane_in, len(lanes), lane_out))
             phases.append(_phase(k, movement, num))
+            successor += [(lane_in, len(lanes)), (len(lanes), lane_out)]
             lanes.append(_connector(profile, corner, k, movement))
-            successor += [(lane_in, controlled[-1]), (controlled[-1], lane_out)]
-            routes.append((lane_in, controlled[-1], lane_out))
-
-    movement = int(generator.choice([RIGHT, AHEAD, LEFT], p=[0.35, 0.3, 0.35]))
-    ego_phase = _phase(0, movement, num)
-    plan, distance, ego_waits = _situation(generator, ego_phase)
-    return roads.Site(
-        kind="junction",
-        profile=profile,
+    ways_out = [((2 * k + 1) * num + i,) for k in range(4) for i in range(num)]
+    return _Network(
         lanes=tuple(lanes),
-        shapes=_shapes(arms, profile, corner),
         successor=tuple(successor),
         neighbor=tuple(neighbor),
-        routes=tuple(routes),
-        ego_route=4 * num + movement - 1,
-        ego_station=_length(lanes[0 if movement == LEFT else num - 1]) - distance,
-        ego_waits=ego_waits,
-        controlled=tuple(controlled),
-        light_state=_light_state(plan, np.array(phases), num_steps),
-        footways=tuple(way[APPROACH:] for arm in arms for way in arm.footways),
-        crossings=tuple(_crossing(profile, corner, k) for k in range(4)),
-        walk_time=plan.switch + ALL_RED if plan.before == WALK else 0.0,
+        routes=(*across, *ways_out),
+        controlled=tuple(lane for _, lane, _ in across),
+        phases=tuple(phases),
     )
 
 

@@ -16,7 +16,7 @@ RAMP = 0.2  # of a bend's length in which its curvature grows, and again falls
 PAINTED_SHOULDER = 0.8  # metres; a narrower shoulder has no line beside it
 FOOTWAY = 1.6  # metres between a road edge and the way of pedestrians
 
-Line = Float[np.ndarray, "points 2"]
+Line = Float[np.ndarray, "_ 2"]  # points, each line with a number of its own
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -119,7 +119,9 @@ def offset(xy: Line, yaw: Float[np.ndarray, " points"], distance: float) -> Line
     return xy + distance * np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
 
 
-def rotate(xy: Line, angle: float) -> Line:
+def rotate(
+    xy: Float[np.ndarray, "*any 2"], angle: float
+) -> Float[np.ndarray, "*any 2"]:
     """Returns the points turned about the origin."""
     c, s = np.cos(angle), np.sin(angle)
     return xy @ np.array([[c, s], [-s, c]])

@@ -1,0 +1,60 @@
+"""Brings scenarios onto the devices, and says so."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import jax
+from jax.sharding import Mesh
+
+from ..learners import mesh as meshes
+from ..sim.data import bank as banks, loader
+from ..sim.data.bank import Bank
+from ..sim.data.pack import Packed
+from .progress import progress
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Loaded:
+    """Scenarios on the devices, and what the host knows of them."""
+
+    bank: Bank  # every leaf sharded along a leading axis of devices
+    scenarios: Sequence[Packed]  # in the order in which they were dealt out
+
+    @property
+    def one_shard(self) -> Bank:
+        """The bank of the first device."""
+        return jax.tree.map(lambda leaf: leaf[0], self.bank)
+
+
+def load(source: loader.Source, max_objects: int, mesh: Mesh) -> Loaded:
+    """Loads scenarios into a bank over the devices of a mesh.
+
+    Raises:
+        FileNotFoundError: if there is no such store or file.
+        ValueError: if there is no usable scenario, or fewer than devices.
+    """
+    with progress("loading", None, unit="scenarios") as line:
+        scenarios = loader.load(source, lambda done, total: line.update(done))
+    sizes = banks.Sizes.of(scenarios, max_objects)
+    bank = banks.build_shards(scenarios, sizes, mesh.size)
+    return Loaded(bank=meshes.shard(mesh, bank), scenarios=scenarios)
+
+
+def describe(loaded: Loaded) -> str:
+    """Returns a line about the bank: its scenarios, bytes, and what was left out."""
+    num_bytes = sum(leaf.nbytes for leaf in jax.tree.leaves(loaded.bank))
+    count = len(loaded.scenarios)
+    capped = sum(
+        len(scenario.object_id) > loaded.bank.sizes.num_objects
+        for scenario in loaded.scenarios
+    )
+    line = (
+        f"{count:,} scenarios on {loaded.bank.num_scenarios.size} device(s), "
+        f"{num_bytes / 1e6:,.1f} MB ({num_bytes / count / 1e3:,.1f} KB each)"
+    )
+    if capped:
+        line += (
+            f"; {capped} have more than {loaded.bank.sizes.num_objects} objects, the "
+            "least relevant are left out (max_objects)"
+        )
+    return line

@@ -1,0 +1,223 @@
+"""Runs the commands: `drivetrain prepare | train | evaluate | demo`."""
+
+import os
+import pathlib
+import sys
+from typing import Annotated, Literal
+
+import jax
+import tyro
+from rich import console as rich_console
+
+from ..learners import mesh as meshes
+from ..sim.data import loader, prepare as preparing
+from ..sim.data.loader import Split
+from ..sim.data.pack import PackConfig
+from . import (
+    banks,
+    config,
+    demo as demos,
+    dump as dumps,
+    evaluate as evaluating,
+    tables,
+)
+from .experiment import Experiment
+from .progress import progress
+from .train import load_run, train as run_training
+
+Dynamics = Literal[
+    "delta", "delta_global", "delta_discrete", "bicycle", "bicycle_discrete"
+]
+SimAgent = Literal["playback", "constant_speed", "idm"]
+UNSEEN = "synthetic:1000000:256"  # generated scenarios that no config trains on
+
+
+def prepare(
+    paths: Annotated[tuple[str, ...], tyro.conf.Positional],
+    /,
+    simplify: float = PackConfig.simplify,
+    quantize: bool = PackConfig.quantize,
+    strict: bool = False,
+) -> None:
+    """Makes a store of scenarios from files of driving logs.
+
+    drivetrain prepare 'womd/*.tfrecord*' data/womd
+
+    Formats are told from the content: WOMD Scenario and tf.Example TFRecords, WOMD JSON
+    (Nocturne, GPUDrive); plain or gzip. A run that was cut continues where it was.
+
+    Args:
+        paths: files or quoted patterns of files, and last the folder of the store.
+        simplify: how far simplified map lines may lie from the logged ones [m].
+        quantize: keep 16-bit numbers (1 cm, 1 cm/s); else float32, and nothing is
+            simplified.
+        strict: stop at the first record that cannot be used.
+    """
+    if len(paths) < 2:
+        raise ValueError(
+            "prepare needs files and the folder of the store: drivetrain prepare "
+            "'womd/*.tfrecord*' data/womd"
+        )
+    files = [path for pattern in paths[:-1] for path in loader.matching_files(pattern)]
+    out = pathlib.Path(paths[-1])
+    settings = PackConfig(simplify=simplify, quantize=quantize)
+    with progress("preparing", len(files), unit="files") as line:
+        summary = preparing.prepare(
+            files,
+            out,
+            settings,
+            strict,
+            lambda num_files, num: line.update(num_files, f"{num:,} scenarios"),
+        )
+    _print_summary(summary, out)
+
+
+def _print_summary(summary: preparing.Summary, out: pathlib.Path) -> None:
+    console = rich_console.Console(highlight=False, soft_wrap=True)
+    mean = summary.num_bytes / summary.num_scenarios / 1e3
+    console.print(
+        f"{summary.num_scenarios:,} scenarios in {summary.num_shards} shard(s) in "
+        f"{out}, {mean:.1f} KB each; {len(summary.bad)} record(s) left out"
+    )
+    if summary.num_continued:
+        console.print(f"{summary.num_continued} shard(s) were there already")
+    for reason, count in summary.reasons():
+        console.print(f"  {count} x {reason}")
+    for bad in summary.bad:
+        console.print(f"  {bad['file']}, record {bad['record']}: {bad['reason']}")
+    if summary.duplicates:
+        console.print(
+            f"{len(summary.duplicates)} scenario id(s) came more than once, for "
+            f"example {summary.duplicates[0]}"
+        )
+
+
+def train(
+    config_file: Annotated[pathlib.Path, tyro.conf.Positional],
+    fields: Annotated[tuple[str, ...], tyro.conf.Positional] = (),
+    /,
+    out: pathlib.Path | None = None,
+) -> None:
+    """Trains an agent as a config says.
+
+    drivetrain train configs/bc.yaml data=data/womd learner.learning_rate=3e-5
+
+    The same command continues a run that was cut.
+
+    Args:
+        config_file: a YAML file; see configs/.
+        fields: any of its fields, as field=value.
+        out: the folder of the run; by default runs/ and the name of the config.
+    """
+    experiment = config.load(config_file, Experiment, fields)
+    folder = out or pathlib.Path("runs") / config_file.stem
+    run_training(experiment, folder)
+    print(f"trained: {folder}; evaluate it with: drivetrain evaluate {folder}")
+
+
+def evaluate(
+    agent: Annotated[str, tyro.conf.Positional],
+    /,
+    data: str = UNSEEN,
+    split: Split = "all",
+    test_share: float = 1 / 3,
+    sim_agent: SimAgent = "playback",
+    dynamics: Dynamics | None = None,
+    max_objects: int = 128,
+    max_scenarios: int | None = None,
+    json: pathlib.Path | None = None,
+    dump: pathlib.Path | None = None,
+    seed: int = 0,
+) -> None:
+    """Plays an agent on scenarios and prints the row of the table.
+
+    drivetrain evaluate runs/bc --data data/womd --split test --sim-agent idm
+
+    Args:
+        agent: expert, coast, constant_speed, idm, or the folder of a run.
+        data: a store, a file, a quoted pattern of files, or synthetic:FIRST:COUNT for
+            generated scenarios of the seeds from FIRST on.
+        split: which part of the scenarios, by a hash of their ids.
+        test_share: of the scenarios that belongs to the split test.
+        sim_agent: who drives all others.
+        dynamics: the ego's action space; bicycle by default, and that of the training
+            for a run.
+        max_objects: how many objects of a scenario to keep, the most relevant ones.
+        max_scenarios: how many scenarios to play at most.
+        json: write the rows of the table to this file.
+        dump: write what happened in each scenario to this folder, as .npz files.
+        seed: of whatever is drawn.
+    """
+    folder = pathlib.Path(agent)
+    is_run = folder.is_dir()
+    if is_run:
+        space = load_run(folder).dynamics
+        if dynamics not in (None, space):
+            raise ValueError(
+                f"'{agent}' was trained with --dynamics {space}, not {dynamics}; "
+                "leave the option out"
+            )
+    else:
+        evaluating.rule(agent, dynamics or "bicycle", sim_agent)
+    source = loader.Source(
+        path=data, split=split, test_share=test_share, max_scenarios=max_scenarios
+    )
+    loaded = banks.load(source, max_objects, meshes.data_mesh())
+    console = rich_console.Console(stderr=True)
+    console.print(banks.describe(loaded), highlight=False)
+    if is_run:
+        player = evaluating.trained(folder, sim_agent, loaded)
+    else:
+        player = evaluating.rule(agent, dynamics or "bicycle", sim_agent)
+    rows = [evaluating.row(player, loaded, seed)]
+    tables.show(rows, f"{agent} on {data}")
+    if json is not None:
+        tables.write_json(json, rows)
+    if dump is not None:
+        with progress("dumping", len(loaded.scenarios), unit="scenarios") as line:
+            dumps.dump(player, loaded, seed, dump, line.update)
+
+
+def demo(out: pathlib.Path = pathlib.Path("runs/demo"), seed: int = 0) -> None:
+    """Trains a driver on generated scenarios, evaluates it and writes a report.
+
+    Args:
+        out: the folder of the run; what an earlier demo has trained there is used
+            again.
+        seed: of the training.
+    """
+    demos.demo(out, seed)
+
+
+def main() -> None:
+    """Runs a command; bad input ends it with one sentence and exit code 2."""
+    _use_compile_cache()
+    try:
+        tyro.extras.subcommand_cli_from_dict(
+            {"prepare": prepare, "train": train, "evaluate": evaluate, "demo": demo},
+            prog="drivetrain",
+            description="Trains driving policies inside a simulator that runs on the "
+            "accelerator.",
+        )
+    except (ValueError, OSError) as error:
+        if os.environ.get("DRIVETRAIN_DEBUG"):
+            raise
+        print(f"drivetrain: {_sentence(error)}", file=sys.stderr)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        print("drivetrain: stopped; the same command continues", file=sys.stderr)
+        sys.exit(130)
+
+
+def _sentence(error: Exception) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.strerror}: '{error.filename}'"
+    return str(error)
+
+
+def _use_compile_cache() -> None:
+    """Keeps compiled programs between commands."""
+    root = os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache"
+    folder = pathlib.Path(root) / "drivetrain" / "programs"
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)

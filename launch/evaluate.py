@@ -1,0 +1,96 @@
+"""Plays agents on scenarios and makes the rows of tables."""
+
+import dataclasses
+import pathlib
+from collections.abc import Callable
+
+import jax
+import numpy as np
+from jaxtyping import PyTree
+
+from ..learners import acting, checkpoint, mesh as meshes
+from ..learners.evaluator import compile_evaluator
+from ..learners.program import initial_state
+from ..sim.dynamics import build as dynamics
+from ..sim.env import drivers
+from ..sim.env.base import Driver, Environment
+from ..sim.observations.vector import VectorConfig
+from . import tables
+from .banks import Loaded
+from .experiment import agent, environment, learner
+from .train import CHECKPOINTS, load_run
+
+SIMPLE = VectorConfig(history=0, num_objects=1, num_road=1, num_lights=1)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Player:
+    """An agent ready to drive in an environment."""
+
+    name: str
+    sim_agent: str
+    env: Environment
+    driver_of: Callable[[PyTree], Driver]
+    params: PyTree  # a copy on each device; empty for rules
+
+
+def rule(name: str, dynamics_name: str, sim_agent: str) -> Player:
+    """Makes a player of a driver by name.
+
+    Raises:
+        ValueError: if a name is unknown.
+    """
+    driver = drivers.build(name, dynamics.build(dynamics_name))
+    env = environment(SIMPLE, dynamics_name, sim_agent)
+    return Player(
+        name=name, sim_agent=sim_agent, env=env, driver_of=lambda _: driver, params=()
+    )
+
+
+def trained(folder: pathlib.Path, sim_agent: str, loaded: Loaded) -> Player:
+    """Makes a player of the newest checkpoint of a run.
+
+    Args:
+        folder: of the run.
+        sim_agent: drives all others.
+        loaded: scenarios; only their shapes are read.
+
+    Raises:
+        FileNotFoundError: if there is no such run or it has no checkpoint.
+        ValueError: if a name is unknown or the checkpoint does not fit the config.
+    """
+    experiment = load_run(folder)
+    env = environment(experiment.observation, experiment.dynamics, sim_agent)
+    made = agent(experiment, env, loaded.one_shard)
+    mesh = meshes.data_mesh()
+    like = initial_state(learner(experiment, made), mesh, jax.random.key(0))
+    state = checkpoint.Checkpoints(folder / CHECKPOINTS).restore(like).tree
+    return Player(
+        name=folder.name,
+        sim_agent=sim_agent,
+        env=env,
+        driver_of=acting.greedy(made, env),
+        params=state.params,
+    )
+
+
+def play(player: Player, loaded: Loaded, seed: int) -> dict[str, np.ndarray]:
+    """Plays every scenario and returns each figure by episode, NaN without one."""
+    mesh = meshes.data_mesh()
+    evaluate = compile_evaluator(player.env, player.driver_of, mesh)
+    key = meshes.replicate(mesh, jax.random.key(seed))
+    episodes = evaluate(player.params, loaded.bank, key)
+    return {
+        name: np.where(episodes.valid[name], value, np.nan)
+        for name, value in episodes.value.items()
+    }
+
+
+def row(player: Player, loaded: Loaded, seed: int) -> tables.Row:
+    """Plays every scenario and returns the row of the table."""
+    return tables.summarize(
+        play(player, loaded, seed),
+        agent=player.name,
+        sim_agent=player.sim_agent,
+        seed=seed,
+    )

@@ -1,0 +1,125 @@
+"""States what an experiment is, and builds its parts."""
+
+import dataclasses
+from dataclasses import field
+
+import jax
+import jax.numpy as jnp
+
+from ..agents import build as agents
+from ..agents.base import Agent
+from ..learners import build as learners
+from ..learners.base import Learner
+from ..sim import rewards
+from ..sim.data import loader
+from ..sim.data.bank import Bank
+from ..sim.data.loader import Split
+from ..sim.dynamics import build as dynamics
+from ..sim.env.base import Environment
+from ..sim.env.demonstrations import demonstrations
+from ..sim.env.planning import planning
+from ..sim.observations.vector import VectorConfig, vector
+from ..sim.sim_agents import build as sim_agents
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """One training run, whole."""
+
+    data: str  # a store, a file, a pattern of files, or synthetic:FIRST:COUNT
+    split: Split = "all"  # which scenarios to train on
+    test_share: float = 1 / 3  # of the scenarios, for the splits train and test
+    max_scenarios: int | None = None
+    max_objects: int = 128  # of a scenario, those that matter most to the ego
+    dynamics: str = "bicycle_discrete"  # of the ego: the action space
+    observation: VectorConfig = field(default_factory=VectorConfig)
+    agent: agents.AgentConfig = field(default_factory=agents.AgentConfig)
+    learner: learners.LearnerConfig = field(default_factory=learners.LearnerConfig)
+    updates: int = 100_000  # of the learner, in all
+    updates_per_call: int = 50  # of the compiled program
+    updates_per_checkpoint: int = 1000
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        """Checks the counts.
+
+        Raises:
+            ValueError: if a count is below 1, or calls do not add up to checkpoints and
+                these to the run.
+        """
+        for name in ("updates_per_call", "updates_per_checkpoint", "updates"):
+            if getattr(self, name) < 1:
+                raise ValueError(
+                    f"{name} must be at least 1, got {getattr(self, name)}."
+                )
+        for whole, part in (
+            ("updates", "updates_per_call"),
+            ("updates_per_checkpoint", "updates_per_call"),
+        ):
+            if getattr(self, whole) % getattr(self, part):
+                raise ValueError(
+                    f"{whole} must be a multiple of {part}, got {getattr(self, whole)} "
+                    f"and {getattr(self, part)}."
+                )
+        if self.max_objects < 1:
+            raise ValueError(f"max_objects must be at least 1, got {self.max_objects}.")
+
+    @property
+    def source(self) -> loader.Source:
+        """Where the scenarios to train on come from."""
+        return loader.Source(
+            path=self.data,
+            split=self.split,
+            test_share=self.test_share,
+            max_scenarios=self.max_scenarios,
+        )
+
+
+def environment(
+    observation: VectorConfig, dynamics_name: str, sim_agent_name: str
+) -> Environment:
+    """Builds the planning task.
+
+    Raises:
+        ValueError: if a name is unknown.
+    """
+    return planning(
+        dynamics.build(dynamics_name),
+        sim_agents.build(sim_agent_name),
+        vector(observation),
+        rewards.weighted(rewards.SPARSE),
+        observation.history,
+    )
+
+
+def agent(experiment: Experiment, env: Environment, bank: Bank) -> Agent:
+    """Builds the agent of an experiment.
+
+    Args:
+        experiment: what to build.
+        env: the task whose observations it sees.
+        bank: of one device; only its shapes are read.
+
+    Raises:
+        ValueError: if the sizes of the network are out of range.
+    """
+
+    def first_observation(bank: Bank):
+        return env.observe(bank, env.reset(bank, jnp.int32(0)))
+
+    observation = jax.eval_shape(first_observation, bank)
+    return agents.build(experiment.agent, observation, env.action_spec)
+
+
+def learner(experiment: Experiment, agent: Agent) -> Learner:
+    """Builds the learner of an experiment.
+
+    Raises:
+        ValueError: if a field of its config is out of range.
+    """
+    sample = demonstrations(
+        dynamics.build(experiment.dynamics),
+        vector(experiment.observation),
+        experiment.observation.history,
+    )
+    return learners.build(experiment.learner, agent, sample)
