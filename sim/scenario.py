@@ -121,8 +121,8 @@ class Polylines:
 class LaneLinks:
     """The lane graph as pairs of feature ids; ids that no lane has are passed over."""
 
-    successor: Int[np.ndarray, "links 2"]  # from a lane's end into the next lane
-    neighbor: Int[np.ndarray, "links 2"]  # a lane change from the first to the second
+    successor: Int[np.ndarray, "successors 2"]  # from a lane's end into the next lane
+    neighbor: Int[np.ndarray, "neighbors 2"]  # a lane change to the second
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -236,11 +236,11 @@ def check(scenario: Scenario) -> Scenario:
         ("roads.xyz", scenario.roads.xyz, np.array(True)),
         ("lights.xyz", scenario.lights.xyz, scenario.lights.valid.any(axis=1)[:, None]),
     ):
-        bad = np.asarray(mask & ~(np.abs(values) < 1e7))
+        bad = mask & ~(np.abs(values) < 1e7)
         if bad.any():
-            where = tuple(int(i) for i in np.argwhere(bad)[0])
+            place = [int(i) for i in np.argwhere(bad)[0]]
             raise ScenarioError(
-                f"{name}{list(where)} is {values[where]}: not a finite number of metres"
+                f"{name}{place} is {values[*place]}: not a finite number of metres"
             )
     if (tracks.size[tracks.valid.any(axis=1)] < 0).any():
         raise ScenarioError("tracks.size has a negative length, width or height")

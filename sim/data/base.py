@@ -17,8 +17,8 @@ from ..scenario import Scenario, ScenarioError
 HEAD_BYTES = 1 << 16
 MAX_RECORD_BYTES = 1 << 27  # ten times the largest record seen: beyond, a length lies
 
-# The magic, the method, any flags and time, then a byte that gzip restricts: the length of
-# a TFRecord can imitate the magic (559,903 does), but then its checksum gives it away.
+# The magic, the method, any flags and time, then a byte that gzip restricts: the length
+# of a TFRecord can imitate the magic (559,903 does), but then its checksum tells.
 _GZIP_HEAD = re.compile(rb"\x1f\x8b\x08.{5}[\x00\x02\x04]", re.DOTALL)
 
 

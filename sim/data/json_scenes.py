@@ -122,7 +122,7 @@ def _naming(place: str) -> Iterator[None]:
     """Turns what Python says of a malformed part into a sentence that names it."""
     try:
         yield
-    except (LookupError, TypeError, ValueError, OverflowError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         kind = "lacks" if isinstance(error, KeyError) else "is malformed:"
         raise ScenarioError(f"{place} {kind} {str(error)[:200]}") from error
 
@@ -138,9 +138,7 @@ def _floats(values: Iterable[Any]) -> Float[np.ndarray, " values"]:
     return np.array(array.array("d", values), np.float64)
 
 
-def _vectors(
-    records: list[dict[str, Any]], axes: tuple[str, ...]
-) -> Float[np.ndarray, "records 3"]:
+def _vectors(records: Any, axes: tuple[str, ...]) -> Float[np.ndarray, "records 3"]:
     """Returns the named members of each record; z is 0 where it is not named."""
     flat = map(operator.itemgetter(*axes), records)
     vectors = np.zeros((len(records), 3))
@@ -149,7 +147,7 @@ def _vectors(
     return vectors
 
 
-def _places(records: list[dict[str, Any]]) -> Float[np.ndarray, "records 3"]:
+def _places(records: Any) -> Float[np.ndarray, "records 3"]:
     has_height = bool(records) and "z" in records[0]
     return _vectors(records, _PLACES if has_height else _PLACES[:2])
 

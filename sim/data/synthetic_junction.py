@@ -195,9 +195,10 @@ def _situation(
     if case == "stop":
         switch = generator.uniform(0.0, 2.0)
         return _Plan(ego_phase, other, switch), generator.uniform(35.0, 65.0), False
-    before = WALK if generator.uniform() < 0.5 else other
-    begin = generator.uniform(1.5, 5.0)
-    switch = begin - ALL_RED - (0.0 if before == WALK else YELLOW)
+    if generator.uniform() < 0.5:
+        before, switch = WALK, generator.uniform(3.0, 6.5) - ALL_RED
+    else:
+        before, switch = other, generator.uniform(1.5, 5.0) - ALL_RED - YELLOW
     if generator.uniform() < 0.5:
         place = FIRST_WAITING + QUEUE_GAP * int(generator.integers(0, 2))
         return _Plan(before, ego_phase, switch), place, True

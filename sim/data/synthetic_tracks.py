@@ -9,7 +9,6 @@ from ..scenario import ObjectType
 from .synthetic_experts import Route
 
 SIGHT = 80.0  # metres from the ego at which others enter the log
-SWAY_LENGTH = 70.0  # metres along the road
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -21,9 +20,8 @@ class Mover:
     route: Route
     station: Float[np.ndarray, " steps"]  # metres
     speed: Float[np.ndarray, " steps"]  # metres per second
-    side: float  # metres left of the line
-    sway: float = 0.0  # metres about that, to either side
-    phase: float = 0.0  # radians, of the sway
+    left: Float[np.ndarray, " steps"]  # metres left of the line
+    slope: Float[np.ndarray, " steps"]  # of that, along the line
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -75,10 +73,7 @@ def _poses(mover: Mover) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         np.interp(station, route.station, values)
         for values in (*route.xy.T, route.yaw, route.curvature)
     )
-    wave = 2 * np.pi * station / SWAY_LENGTH + mover.phase
-    left = mover.side + mover.sway * np.sin(wave)
-    slope = mover.sway * np.cos(wave) * 2 * np.pi / SWAY_LENGTH
-    along, across = 1 - curvature * left, slope
+    left, along, across = mover.left, 1 - curvature * mover.left, mover.slope
     heading = yaw + np.arctan2(across, along)
     speed = mover.speed * np.hypot(along, across)
     return (

@@ -6,11 +6,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..scenario import LightState, ObjectType
-from . import synthetic_experts as experts, synthetic_junction as junction
+from . import (
+    synthetic_experts as experts,
+    synthetic_junction as junction,
+    synthetic_steering,
+)
 from .synthetic_roads import FOOTWAY, Site
 from .synthetic_tracks import Mover
 
-SWAY = 0.15  # metres to either side of the line that a driver keeps
 CAR_SPACING = (11.0, 34.0)  # metres from centre to centre
 PARKED_SPACING = (8.0, 30.0)  # metres from centre to centre
 PARKED_SHOULDER = 2.5  # metres, at least
@@ -19,6 +22,7 @@ CYCLING_SHOULDER = 1.5  # metres, at least; on narrower ones cyclists keep to th
 SHARE_OF_CYCLISTS = 0.12
 EGO_SPEED = 8.0  # metres per second that the ego desires, at least
 WALKING_SPEED = (1.0, 1.6)  # metres per second
+SHARE_AT_CROSSINGS = 0.6
 CLEARANCE = 0.5  # metres beyond the edge at which a pedestrian has crossed
 
 
@@ -76,8 +80,8 @@ def _driving(
         standstill=generator.uniform(1.5, 3.0, num),
     )
     station, speed = experts.drive(site, routes, drivers, generator)
-    side = np.where(is_cyclist, -lane_side, generator.uniform(-SWAY, SWAY, num))
-    sway = generator.uniform(0.0, SWAY, num)
+    left, slope = synthetic_steering.steer(station, generator)
+    left = left + np.where(is_cyclist, -lane_side, 0.0)[:, None]
     return [
         Mover(
             object_type=ObjectType.CYCLIST if is_cyclist[i] else ObjectType.VEHICLE,
@@ -85,9 +89,8 @@ def _driving(
             route=routes[slots.route[i]],
             station=station[i],
             speed=speed[i],
-            side=float(side[i]),
-            sway=float(sway[i]),
-            phase=generator.uniform(0.0, 2 * np.pi),
+            left=left[i],
+            slope=slope[i],
         )
         for i in range(num)
     ]
@@ -191,7 +194,8 @@ def _parked(site: Site, num_parked: int, generator: np.random.Generator) -> list
                     route=route,
                     station=np.full(num_steps, station),
                     speed=np.zeros(num_steps),
-                    side=-side,
+                    left=np.full(num_steps, -side),
+                    slope=np.zeros(num_steps),
                 )
             )
     return movers
@@ -206,7 +210,7 @@ def _walking(
     movers = []
     for _ in range(num_walkers):
         speed = generator.uniform(*WALKING_SPEED)
-        if site.crossings and generator.uniform() < 0.5:
+        if site.crossings and generator.uniform() < SHARE_AT_CROSSINGS:
             line = site.crossings[generator.integers(len(site.crossings))]
             crossed = speed * site.walk_time
             station = across - crossed * generator.uniform() if crossed else 0.0
@@ -223,7 +227,8 @@ def _walking(
                 route=experts.route([line]),
                 station=station + speed * time,
                 speed=np.full_like(time, speed),
-                side=generator.uniform(-0.5, 0.5),
+                left=np.full_like(time, generator.uniform(-0.5, 0.5)),
+                slope=np.zeros_like(time),
             )
         )
     return movers
