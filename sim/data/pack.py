@@ -79,12 +79,11 @@ class Packed:
 
 def pack(scenario: Scenario, config: PackConfig) -> Packed:
     """Packs a scenario that passed `scenario.check`; finds its paths if it has none."""
-    scenario = routes.with_paths(scenario)
-    assert scenario.paths is not None
+    paths = routes.paths_of(scenario)
     tracks, origin = scenario.tracks, scenario.origin
     order = _object_order(tracks, scenario.ego_index)
     valid = tracks.valid[order]
-    centre, quantum = _coordinates(scenario, config.quantize)
+    centre, quantum = _coordinates(scenario, paths, config.quantize)
     scale = _Scale(origin + centre, quantum, config.quantize)
 
     vertices, tag = _map(scenario.roads, scale, config)
@@ -92,7 +91,7 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
     edges = scale.decode(vertices[:num_edge_vertices]) - origin
     joined = tag[:num_edge_vertices] >= JOINED
     index = edge_index.build(edges, joined)
-    path_vertices, path_offset = _paths(scenario.paths, scale, config)
+    path_vertices, path_offset = _paths(paths, scale, config)
     arc, log_arc = _arc_lengths(
         scale.decode(path_vertices), path_offset, _logged_ends(scenario)
     )
@@ -100,7 +99,7 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
         scenario_id=scenario.scenario_id,
         dataset=scenario.dataset,
         ego_source=scenario.ego_source,
-        route_source=scenario.paths.source,
+        route_source=paths.source,
         dt=scenario.dt,
         current_step=scenario.current_step,
         num_steps=scenario.num_steps,
@@ -130,7 +129,7 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
         path_vertices=path_vertices[:, :2],
         path_arc=arc.astype(np.float32),
         path_offset=path_offset.astype(np.int32),
-        path_on_route=scenario.paths.on_route,
+        path_on_route=paths.on_route,
         path_log_arc=log_arc.astype(np.float32),
     )
 
@@ -153,17 +152,16 @@ class _Scale:
         return self.centre + self.quantum * stored.astype(np.float64)
 
 
-def _coordinates(scenario: Scenario, quantize: bool):
+def _coordinates(scenario: Scenario, paths: Paths, quantize: bool):
     """Returns the centre of all coordinates and the quantum that makes them fit."""
     if not quantize:
         return np.zeros(3), 1.0
-    assert scenario.paths is not None
     points = np.concatenate(
         [
             scenario.tracks.xyz[scenario.tracks.valid],
             scenario.roads.xyz,
             scenario.lights.xyz,
-            scenario.paths.xyz,
+            paths.xyz,
         ]
     )
     low, high = (

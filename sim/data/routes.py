@@ -55,7 +55,12 @@ class _LaneGraph:
 
 
 def with_paths(scenario: Scenario) -> Scenario:
-    """Returns the scenario with its paths; paths that it has already are kept.
+    """Returns the scenario with its paths."""
+    return dataclasses.replace(scenario, paths=paths_of(scenario))
+
+
+def paths_of(scenario: Scenario) -> Paths:
+    """Returns the paths of a scenario: its own if one is on-route, else found ones.
 
     Each path starts at or before the ego's first valid position and follows lanes for
     the logged distance and 30 m more, or until the lanes end. A path is on-route if
@@ -69,12 +74,15 @@ def with_paths(scenario: Scenario) -> Scenario:
     per place to change. Lanes within 5 m of the start that point within 60 degrees of
     the ego's yaw count as changes too, as lanes overlap in junctions.
 
+    On-route paths come first, and among them those that pass nearest to the logged end:
+    where paths run together, the first one counts.
+
     The source is `lane_graph` or `lane_ends` where there are lanes to follow, and `log`
     where no such lane lies at the start. Lane ends tell of no neighbours: with them
     there are no changes later on.
     """
-    if scenario.paths is not None:
-        return scenario
+    if scenario.paths is not None and scenario.paths.on_route.any():
+        return scenario.paths
     ego, steps = scenario.ego_index, scenario.tracks.valid[scenario.ego_index]
     logged = scenario.tracks.xyz[ego, steps]
     yaw = scenario.tracks.yaw[ego, steps]
@@ -95,13 +103,14 @@ def with_paths(scenario: Scenario) -> Scenario:
         source = "log"
     else:
         source = "lane_ends" if scenario.lane_links is None else "lane_graph"
-    paths = Paths(
-        xyz=np.concatenate(found),
-        offset=np.cumsum([0, *map(len, found)]),
-        on_route=on_route,
+    miss = [np.linalg.norm(path - logged[-1], axis=1).min() for path in found]
+    order = np.lexsort((miss, ~on_route))
+    return Paths(
+        xyz=np.concatenate([found[i] for i in order]),
+        offset=np.cumsum([0, *(len(found[i]) for i in order)]),
+        on_route=on_route[order],
         source=source,
     )
-    return dataclasses.replace(scenario, paths=paths)
 
 
 def _lane_graph(roads: Polylines, links: LaneLinks | None) -> _LaneGraph:

@@ -1,7 +1,6 @@
 """Knows the dynamics by name."""
 
-import difflib
-
+from .. import names
 from .base import Dynamics
 from .bicycle import bicycle
 from .delta import delta
@@ -23,9 +22,5 @@ def build(name: str) -> Dynamics:
         ValueError: if no dynamics have that name.
     """
     if name not in DYNAMICS:
-        near = difflib.get_close_matches(name, DYNAMICS, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else "."
-        raise ValueError(
-            f"unknown dynamics '{name}'{hint} Known: {', '.join(DYNAMICS)}."
-        )
+        raise names.unknown("dynamics", name, DYNAMICS)
     return DYNAMICS[name]()

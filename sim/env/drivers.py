@@ -1,10 +1,9 @@
 """Drives the ego by rules: the expert of the log, coasting, and sim agents."""
 
-import difflib
-
 import jax
 from jaxtyping import PRNGKeyArray
 
+from .. import names
 from ..data.bank import Bank
 from ..dynamics.base import Action, Dynamics
 from ..metrics.build import EGO
@@ -61,6 +60,4 @@ def build(name: str, dynamics: Dynamics) -> Driver:
         return coast(dynamics)
     if name in RULES:
         return guided(dynamics, sim_agents.build(RULES[name]))
-    near = difflib.get_close_matches(name, NAMES, n=1)
-    hint = f"; did you mean '{near[0]}'?" if near else "."
-    raise ValueError(f"unknown agent '{name}'{hint} Known: {', '.join(NAMES)}.")
+    raise names.unknown("agent", name, NAMES)

@@ -28,7 +28,7 @@ def locate(paths: PathSegments, xy: Float[Array, " 2"]) -> RoutePosition:
     """Finds the nearest on-route path of a point, and how far the other paths are.
 
     Paths share lanes, and are simplified apart. Of equally near ones the first counts,
-    which is the one that leads nearest to the end of the log (see `pack`).
+    which passes nearest to the end of the log (see `data.routes`).
     """
     share = geometry.nearest_on_segment(xy, paths.start, paths.end)
     along = paths.end - paths.start

@@ -1,7 +1,6 @@
 """Knows the sim agents by name."""
 
-import difflib
-
+from .. import names
 from .base import SimAgent
 from .constant_speed import CONSTANT_SPEED
 from .idm import IdmConfig, idm
@@ -21,9 +20,5 @@ def build(name: str) -> SimAgent:
         ValueError: if no sim agent has that name.
     """
     if name not in SIM_AGENTS:
-        near = difflib.get_close_matches(name, SIM_AGENTS, n=1)
-        hint = f"; did you mean '{near[0]}'?" if near else "."
-        raise ValueError(
-            f"unknown sim agent '{name}'{hint} Known: {', '.join(SIM_AGENTS)}."
-        )
+        raise names.unknown("sim agent", name, SIM_AGENTS)
     return SIM_AGENTS[name]()

@@ -324,7 +324,7 @@ def test_progress_is_measured_on_the_path_nearest_to_the_ego() -> None:
 def test_of_paths_that_are_equally_near_the_first_counts(
     y: float, ratio: float
 ) -> None:
-    # The right-hand path is nearer by |y|: within 0.1 m the left-hand one still counts.
+    # The right-hand path is nearer by |y|; the left-hand one counts within 0.1 m.
     both = np.array([True, True])
     progress = routes.progress_ratio(np.array([50.0, y]), FORK, both, LOG_XY, LOG_VALID)
     assert progress == pytest.approx(ratio, abs=ROUNDING)

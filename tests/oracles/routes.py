@@ -25,8 +25,8 @@ def progress_ratio(
         (d - d_p) / (d_q - d_p)
 
     d, d_p and d_q are the arc lengths of the ego, of the first and of the last valid
-    logged position, all on the on-route path nearest to the ego. Of paths whose distance
-    is within 0.1 m of the least, the first in order counts.
+    logged position, all on the on-route path nearest to the ego. Of paths whose
+    distance is within 0.1 m of the least, the first in order counts.
 
     Args:
         xy: the ego's position [m].
