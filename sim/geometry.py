@@ -55,11 +55,9 @@ def box_corners(
     """Returns the corners of boxes: front left, rear left, rear right, front right."""
     forward = direction(yaw)
     left = jnp.stack([-forward[..., 1], forward[..., 0]], axis=-1)
-    along = (size[..., 0:1] / 2 * forward)[..., None, :]
-    across = (size[..., 1:2] / 2 * left)[..., None, :]
-    ends = jnp.array([1.0, -1.0, -1.0, 1.0])[:, None]
-    sides = jnp.array([1.0, 1.0, -1.0, -1.0])[:, None]
-    return xy[..., None, :] + ends * along + sides * across
+    along, across = size[..., 0:1] / 2 * forward, size[..., 1:2] / 2 * left
+    corners = [along + across, across - along, -along - across, along - across]
+    return xy[..., None, :] + jnp.stack(corners, axis=-2)
 
 
 def boxes_overlap(

@@ -111,6 +111,7 @@ class Scene(Record):
         words = jnp.arange(bits.shape[-1], dtype=jnp.uint32)
         before = jnp.where(words == word, (jnp.uint32(1) << bit) - 1, 0)
         before = jnp.where(words < word, jnp.uint32(0xFFFFFFFF), before)
+        before = jnp.broadcast_to(before, bits.shape)
         rank = jnp.sum(
             jax.lax.population_count(bits & before), axis=-1, dtype=jnp.int32
         )
@@ -178,14 +179,15 @@ class Scene(Record):
             bank.first_node[index],
         )
         slot = jnp.arange(edge_index.MAX_BLOCKS)
-        listed = slot < count[:, None]
-        place = jnp.where(listed, bank.first_block[index] + first[:, None] + slot, 0)
+        listed = slot[None] < count[:, None]
+        place = bank.first_block[index] + first[:, None] + slot[None]
+        place = jnp.where(listed, place, 0)
         block = jnp.where(listed, bank.index_blocks[place].astype(jnp.int32), 0)
         return jax.vmap(self._nearest_in_blocks)(points, block, listed)
 
     def _nearest_in_blocks(self, point, block, listed) -> Edge:
         in_block = jnp.arange(edge_index.BLOCK)
-        number = (edge_index.BLOCK * block[:, None] + in_block).reshape(-1)
+        number = (edge_index.BLOCK * block[:, None] + in_block[None]).reshape(-1)
         vertex = self.bank.first_vertex[self.index] + number
         start = self._metres(self.bank.vertices[vertex])
         end = self._metres(self.bank.vertices[vertex + 1])
@@ -194,10 +196,13 @@ class Scene(Record):
         is_edge &= jnp.repeat(listed, edge_index.BLOCK)
         is_edge &= number < self.bank.num_edge_vertices[self.index]
 
-        scale = jnp.array([1.0, 1.0, edge_index.HEIGHT_WEIGHT])
-        share = geometry.nearest_on_segment(point * scale, start * scale, end * scale)
+        stretch = jnp.array([[1.0, 1.0, edge_index.HEIGHT_WEIGHT]])
+        point = point[None]
+        share = geometry.nearest_on_segment(
+            point * stretch, start * stretch, end * stretch
+        )
         offset = point - (start + share[:, None] * (end - start))
-        squared = geometry.dot(offset * scale, offset * scale)
+        squared = geometry.dot(offset * stretch, offset * stretch)
         nearest = jnp.argmin(jnp.where(is_edge, squared, jnp.inf))
 
         edge = self.bank.first_edge[self.index] + number[nearest]
@@ -225,7 +230,7 @@ class Scene(Record):
             jax.lax.dynamic_slice_in_dim, start_index=first, slice_size=count
         )
         xy = cut(bank.path_vertices)
-        xy = bank.centre[index, :2] + bank.quantum[index] * xy
+        xy = bank.centre[index, None, :2] + bank.quantum[index] * xy
         number = cut(bank.path_number).astype(jnp.int32)
         has_next = jnp.arange(count) + 1 < bank.num_path_vertices[index]
         valid = has_next & (number == jnp.roll(number, -1))
@@ -246,4 +251,5 @@ class Scene(Record):
         return jax.lax.dynamic_slice_in_dim(table, first, count)
 
     def _metres(self, stored: Array) -> Array:
-        return self.bank.centre[self.index] + self.bank.quantum[self.index] * stored
+        metres = self.bank.quantum[self.index] * stored
+        return jnp.broadcast_to(self.bank.centre[self.index], metres.shape) + metres

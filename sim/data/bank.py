@@ -6,7 +6,7 @@ A world does not carry its map: it carries the number of its scenario in the ban
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any, Self
+from typing import Any
 
 import jax
 import numpy as np
@@ -30,7 +30,7 @@ class Sizes:
     num_paths: int
 
     @classmethod
-    def of(cls, scenarios: Sequence[Packed], max_objects: int) -> Self:
+    def of(cls, scenarios: Sequence[Packed], max_objects: int) -> "Sizes":
         """Returns sizes into which all the scenarios fit, but for capped objects.
 
         Args:

@@ -237,7 +237,7 @@ def look_up(
         none without edges.
     """
     rim = jnp.maximum(shape * ROOT_CELL - 1e-3, 0.0)
-    inside = jnp.clip(xy - corner, 0.0, rim)
+    inside = jnp.clip(xy - corner[None], 0.0, rim[None])
     root = (inside // ROOT_CELL).astype(jnp.int32)
     node = nodes[first_node + root[:, 1] * shape[0] + root[:, 0]]
     for level in range(1, NUM_LEVELS):

@@ -8,7 +8,7 @@ edges, the side of each edge vertex, arc lengths along the ego's paths.
 import dataclasses
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Integer
 
 from ..scenario import EDGES, Paths, Polylines, Scenario, Tracks
 from . import edge_index, routes
@@ -48,25 +48,25 @@ class Packed:
     origin: Float[np.ndarray, " 3"]
     centre: Float[np.ndarray, " 3"]
     quantum: float
-    object_id: Int[np.ndarray, " objects"]
-    object_type: Int[np.ndarray, " objects"]
+    object_id: Integer[np.ndarray, " objects"]
+    object_type: Integer[np.ndarray, " objects"]
     object_size: Float[np.ndarray, "objects 3"]
-    valid_bits: Int[np.ndarray, "objects words"]  # bit t % 32 of word t // 32
+    valid_bits: Integer[np.ndarray, "objects words"]  # bit t % 32 of word t // 32
     poses: np.ndarray  # [valid object-steps, 3], object after object
     turns: np.ndarray  # [valid object-steps, 3]: yaw and velocity
     vertices: np.ndarray  # [vertices, 3], road edges first
-    vertex_tag: Int[np.ndarray, " vertices"]  # map type, plus JOINED
+    vertex_tag: Integer[np.ndarray, " vertices"]  # map type, plus JOINED
     edge_normal: np.ndarray  # [edge vertices]: direction towards the road
     index_corner: Float[np.ndarray, " 2"]
-    index_shape: Int[np.ndarray, " 2"]
-    index_nodes: Int[np.ndarray, " nodes"]
-    index_blocks: Int[np.ndarray, " candidates"]
+    index_shape: Integer[np.ndarray, " 2"]
+    index_nodes: Integer[np.ndarray, " nodes"]
+    index_blocks: Integer[np.ndarray, " candidates"]
     num_index_dropped: int
     light_xyz: np.ndarray  # [lights, 3]
-    light_state: Int[np.ndarray, "lights steps"]  # state, plus LIGHT_VALID
+    light_state: Integer[np.ndarray, "lights steps"]  # state, plus LIGHT_VALID
     path_vertices: np.ndarray  # [path vertices, 2]
     path_arc: Float[np.ndarray, " path_vertices"]  # along the path [m]
-    path_offset: Int[np.ndarray, " paths_plus_1"]
+    path_offset: Integer[np.ndarray, " paths_plus_1"]
     path_on_route: Bool[np.ndarray, " paths"]
     path_log_arc: Float[np.ndarray, "paths 2"]  # of the first and last logged position
 
@@ -186,7 +186,7 @@ def _object_order(tracks: Tracks, ego_index: int):
     return order[tracks.valid[order].any(axis=1)]
 
 
-def _bits(valid) -> Int[np.ndarray, "objects words"]:
+def _bits(valid) -> Integer[np.ndarray, "objects words"]:
     num_objects, num_steps = valid.shape
     padded = np.zeros((num_objects, -(-num_steps // 32) * 32), bool)
     padded[:, :num_steps] = valid

@@ -11,9 +11,9 @@ def measure(moment: Moment, number: Int[Array, ""]) -> Measure:
     """Returns 1 where the box overlaps another valid object's, seen from above."""
     motion, size = moment.after, moment.object_size
     overlap = geometry.boxes_overlap(
-        motion.xy[number],
-        motion.yaw[number],
-        size[number],
+        motion.xy[number, None],
+        motion.yaw[number, None],
+        size[number, None],
         motion.xy,
         motion.yaw,
         size,

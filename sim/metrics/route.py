@@ -30,9 +30,9 @@ def locate(paths: PathSegments, xy: Float[Array, " 2"]) -> RoutePosition:
     Paths share lanes, and are simplified apart. Of equally near ones the first counts,
     which passes nearest to the end of the log (see `data.routes`).
     """
-    share = geometry.nearest_on_segment(xy, paths.start, paths.end)
+    share = geometry.nearest_on_segment(xy[None], paths.start, paths.end)
     along = paths.end - paths.start
-    distance = geometry.norm(xy - paths.start - share[:, None] * along)
+    distance = geometry.norm(xy[None] - paths.start - share[:, None] * along)
     on_route = jnp.where(paths.on_route, distance, jnp.inf)
     others = jnp.where(paths.valid & ~paths.on_route, distance, jnp.inf)
     tied = on_route <= jnp.min(on_route) + SAME_PLACE

@@ -21,7 +21,8 @@ class EgoFrame(Record):
 
     def place(self, xy: Float[Array, "*things 2"]) -> Float[Array, "*things 2"]:
         """Returns map positions as seen by the ego, in length units."""
-        return geometry.to_frame(xy - self.xy, self.yaw) / LENGTH_UNIT
+        offset = xy - jnp.broadcast_to(self.xy, xy.shape)
+        return geometry.to_frame(offset, self.yaw) / LENGTH_UNIT
 
     def heading(self, yaw: Float[Array, "*things"]) -> Float[Array, "*things 2"]:
         """Returns the cosine and sine of yaws relative to the ego's."""

@@ -94,19 +94,19 @@ def _tokens(values, mask) -> TokenGroup:
 
 
 def _objects(config, now: Motion, seen, valid) -> TokenGroup:
-    distance = geometry.norm(now.xy - now.xy[EGO])
+    distance = geometry.norm(now.xy - now.xy[EGO, None])
     there = now.valid & (distance <= config.radius)
     number, present = nearest(distance, there.at[EGO].set(False), config.num_objects)
-    return _tokens(seen[:, number], valid[:, number] & present)
+    return _tokens(seen[:, number], valid[:, number] & present[None])
 
 
 def _road(config, scene: Scene, ego: EgoFrame) -> TokenGroup:
     """Shows the nearest pieces of the map: nearest point, both ends and the kind."""
     pieces = scene.map_segments()
     start, end = pieces.start[:, :2], pieces.end[:, :2]
-    share = geometry.nearest_on_segment(ego.xy, start, end)
+    share = geometry.nearest_on_segment(ego.xy[None], start, end)
     closest = start + share[:, None] * (end - start)
-    distance = geometry.norm(closest - ego.xy)
+    distance = geometry.norm(closest - ego.xy[None])
     there = pieces.valid & (distance <= config.radius)
     number, present = nearest(distance, there, config.num_road)
     places = (ego.place(xy[number]) for xy in (closest, start, end))
@@ -116,7 +116,7 @@ def _road(config, scene: Scene, ego: EgoFrame) -> TokenGroup:
 
 def _lights(config, scene: Scene, ego: EgoFrame, step) -> TokenGroup:
     lights = scene.lights_at(step)
-    distance = geometry.norm(lights.xyz[:, :2] - ego.xy)
+    distance = geometry.norm(lights.xyz[:, :2] - ego.xy[None])
     there = lights.valid & (distance <= config.radius)
     number, present = nearest(distance, there, config.num_lights)
     state = jax.nn.one_hot(lights.state[number], len(LightState))
@@ -130,8 +130,8 @@ def _route(config, scene: Scene, ego: EgoFrame) -> TokenGroup:
     here = route.locate(paths, ego.xy)
     arc = here.arc + config.route_spacing * jnp.arange(config.num_route)
     on_path = paths.valid & (paths.path == here.path)
-    begun = on_path & (paths.arc <= arc[:, None])
-    segment = jnp.argmax(jnp.where(begun, paths.arc, -jnp.inf), axis=-1)
+    begun = on_path[None] & (paths.arc[None] <= arc[:, None])
+    segment = jnp.argmax(jnp.where(begun, paths.arc[None], -jnp.inf), axis=-1)
     along = (paths.end - paths.start)[segment]
     length = geometry.norm(along)
     share = (arc - paths.arc[segment]) / jnp.where(length > 0, length, 1.0)

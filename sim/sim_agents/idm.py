@@ -68,12 +68,12 @@ def _overlaps(motion: Motion, size: Float[Array, "objects 3"]):
         motion.xy[:, None],
         motion.yaw[:, None],
         size[:, None],
-        motion.xy,
-        motion.yaw,
-        size,
+        motion.xy[None],
+        motion.yaw[None],
+        size[None],
     )
     other = ~jnp.eye(len(motion.yaw), dtype=bool)
-    return overlap & other & motion.valid[:, None] & motion.valid
+    return overlap & other & motion.valid[:, None] & motion.valid[None]
 
 
 def _acceleration(
@@ -110,7 +110,7 @@ def _leader(
         [m/s].
     """
     stations = config.chord * jnp.arange(config.num_chords + 1)
-    place, _ = follower.path.at(follower.arc[:, None] + stations)
+    place, _ = follower.path.at(follower.arc[:, None] + stations[None])
     size = scene.object_size
     corners = geometry.box_corners(motion.xy, motion.yaw, size)
     numbers = jnp.arange(len(motion.yaw))
@@ -119,21 +119,22 @@ def _leader(
         start, along = place[:-1], jnp.diff(place, axis=0)
         chord_length = geometry.norm(along)
         heading = along / jnp.maximum(chord_length, 1e-6)[:, None]
+        chord_size = jnp.stack(
+            [chord_length, jnp.full_like(chord_length, width)], axis=-1
+        )
         hit = geometry.boxes_overlap(
             (start + along / 2)[:, None],
             jnp.arctan2(heading[:, 1], heading[:, 0])[:, None],
-            jnp.stack([chord_length, jnp.full_like(chord_length, width)], axis=-1)[
-                :, None
-            ],
-            motion.xy,
-            motion.yaw,
-            size,
+            chord_size[:, None],
+            motion.xy[None],
+            motion.yaw[None],
+            size[None],
         )
-        ahead = corners @ heading.T - geometry.dot(start, heading)
-        ahead = jnp.maximum(jnp.min(ahead, axis=1).T, 0.0)
-        contact = stations[:-1, None] + ahead
+        ahead = jnp.einsum("jkc,mc->mjk", corners, heading).min(axis=-1)
+        ahead = jnp.maximum(ahead - geometry.dot(start, heading)[:, None], 0.0)
         is_other = motion.valid & (numbers != number)
-        contact = jnp.where(hit & is_other, contact, jnp.inf)
+        contact = stations[:-1, None] + ahead
+        contact = jnp.where(hit & is_other[None], contact, jnp.inf)
         chord, leader = jnp.unravel_index(jnp.argmin(contact), contact.shape)
         gap = jnp.maximum(contact[chord, leader] - length / 2, MIN_GAP)
         return gap, geometry.dot(motion.velocity[leader], heading[chord])

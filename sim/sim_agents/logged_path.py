@@ -38,7 +38,7 @@ class LoggedPath(Record):
 
 def _interpolate(xy, yaw, arc, station):
     last = len(arc) - 1
-    start = jnp.sum(arc <= station[:, None], axis=-1) - 1
+    start = jnp.sum(arc[None] <= station[:, None], axis=-1) - 1
     end = jnp.minimum(start + 1, last)
     length = arc[end] - arc[start]
     share = (station - arc[start]) / jnp.where(length > 0, length, 1.0)
@@ -60,9 +60,9 @@ def logged_path(scene: Scene) -> LoggedPath:
     yaw = jnp.take_along_axis(log.yaw, latest, axis=0)
     start = log.valid[0]
     moved = geometry.norm(jnp.diff(xy, axis=0, prepend=xy[:1]))
-    arc = jnp.cumsum(jnp.where(start, moved, 0.0), axis=0)
+    arc = jnp.cumsum(jnp.where(start[None], moved, 0.0), axis=0)
     # Not the length of the way: noise makes metres of it for parked cars.
-    reach = jnp.max(geometry.norm(xy - xy[0]), axis=0)
+    reach = jnp.max(geometry.norm(xy - xy[:1]), axis=0)
     return LoggedPath(
         xy=jnp.swapaxes(xy, 0, 1),
         yaw=yaw.T,

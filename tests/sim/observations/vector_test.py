@@ -1,0 +1,155 @@
+"""Tests of the vector observation against plain NumPy, and of what must not matter."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from drivetrain.sim.observations.base import Observation
+from drivetrain.sim.observations.ego_frame import LENGTH_UNIT, SIZE_UNIT, SPEED_UNIT
+from drivetrain.sim.observations.vector import VectorConfig, vector
+from drivetrain.sim.scenario import EDGES
+from tests import worlds
+
+CONFIG = VectorConfig(
+    history=3, num_objects=6, num_road=40, num_lights=4, num_route=8, radius=50.0
+)
+STEP = 30
+# Positions of up to 1 km in float32 (6e-5 m), turned and divided by 20 m.
+ROUNDING = 1e-4
+
+
+@functools.cache
+def seen(index: int, kind: str = "generated") -> Observation:
+    return observe(worlds.bank(kind), index)
+
+
+def observe(bank, index: int) -> Observation:
+    scene = worlds.scene(bank, index)
+    motion = jax.vmap(scene.log_at)(jnp.arange(STEP - CONFIG.history, STEP + 1))
+    look = jax.jit(vector(CONFIG))
+    return look(scene, motion, scene.object_size, jnp.int32(STEP))
+
+
+def in_ego_frame(xy: np.ndarray, ego_xy: np.ndarray, ego_yaw: float) -> np.ndarray:
+    c, s = np.cos(ego_yaw), np.sin(ego_yaw)
+    return (xy - ego_xy) @ np.array([[c, -s], [s, c]])
+
+
+@pytest.mark.parametrize("index", [0, 1, 2])
+def test_objects_are_the_nearest_ones_in_the_pose_of_the_ego(index: int) -> None:
+    scenario = worlds.scenarios("generated")[index]
+    tracks, ego = scenario.tracks, scenario.ego_index
+    xy, yaw = tracks.xyz[ego, STEP, :2], tracks.yaw[ego, STEP]
+    distance = np.linalg.norm(tracks.xyz[:, STEP, :2] - xy, axis=1)
+    there = tracks.valid[:, STEP] & (distance <= CONFIG.radius)
+    there[ego] = False
+    expected = np.flatnonzero(there)[np.argsort(distance[there])][: CONFIG.num_objects]
+
+    group = seen(index)["objects"]
+    assert int(group.mask[:, -1].sum()) == len(expected)
+    for slot, number in enumerate(expected):
+        for past in range(CONFIG.history + 1):
+            step = STEP - CONFIG.history + past
+            assert bool(group.mask[slot, past]) == tracks.valid[number, step]
+            if not tracks.valid[number, step]:
+                continue
+            place = in_ego_frame(tracks.xyz[number, step, :2], xy, yaw) / LENGTH_UNIT
+            turn = tracks.yaw[number, step] - yaw
+            push = in_ego_frame(tracks.velocity[number, step], np.zeros(2), yaw)
+            kind = np.eye(3)[tracks.object_type[number] - 1]
+            np.testing.assert_allclose(
+                group.values[slot, past],
+                np.concatenate(
+                    [
+                        place,
+                        [np.cos(turn), np.sin(turn)],
+                        push / SPEED_UNIT,
+                        tracks.size[number, :2] / SIZE_UNIT,
+                        kind,
+                    ]
+                ),
+                atol=ROUNDING,
+            )
+
+
+@pytest.mark.parametrize("index", [0, 1])
+def test_the_road_shows_the_nearest_pieces_of_the_map(index: int) -> None:
+    scenario = worlds.scenarios("generated")[index]
+    tracks, ego = scenario.tracks, scenario.ego_index
+    xy = tracks.xyz[ego, STEP, :2]
+    distances, is_edge = [], []
+    for feature in range(scenario.roads.num_features):
+        points = scenario.roads.points_of(feature)[:, :2]
+        for a, b in zip(points[:-1], points[1:], strict=True):
+            length = np.dot(b - a, b - a)
+            if length == 0:
+                continue
+            share = np.clip(np.dot(xy - a, b - a) / length, 0, 1)
+            distances.append(np.linalg.norm(a + share * (b - a) - xy))
+            is_edge.append(scenario.roads.map_type[feature] in EDGES)
+    nearest = np.argsort(distances)[: CONFIG.num_road]
+
+    group = seen(index)["road"]
+    assert bool(group.mask.all())
+    shown = np.linalg.norm(group.values[:, 0, :2], axis=1) * LENGTH_UNIT
+    np.testing.assert_allclose(
+        np.sort(shown), np.array(distances)[nearest], atol=ROUNDING * LENGTH_UNIT
+    )
+    assert int(group.values[:, 0, 8].sum()) == np.sum(np.array(is_edge)[nearest])
+
+
+def test_the_route_starts_beside_the_ego_and_leads_along_the_log() -> None:
+    scenario = worlds.scenarios("generated")[0]
+    tracks, ego = scenario.tracks, scenario.ego_index
+    group = seen(0)["route"]
+    place = np.asarray(group.values[:, 0, :2])[np.asarray(group.mask[:, 0])]
+    ahead = in_ego_frame(
+        tracks.xyz[ego, STEP:, :2], tracks.xyz[ego, STEP, :2], tracks.yaw[ego, STEP]
+    )
+    assert np.linalg.norm(place[0]) * LENGTH_UNIT < 2.0
+    gaps = np.linalg.norm(np.diff(place, axis=0), axis=1) * LENGTH_UNIT
+    # Chords of an arc are shorter than the arc.
+    assert np.all(gaps <= CONFIG.route_spacing + ROUNDING * LENGTH_UNIT)
+    assert np.all(gaps > 0.9 * CONFIG.route_spacing)
+    for xy in ahead[::10]:
+        nearest = np.linalg.norm(place * LENGTH_UNIT - xy, axis=1).min()
+        reach = np.linalg.norm(place[-1]) * LENGTH_UNIT
+        assert nearest < 4.0 or np.linalg.norm(xy) > reach
+
+
+def test_what_is_masked_is_zero() -> None:
+    for index in range(3):
+        for group in seen(index).values():
+            assert not np.any(np.asarray(group.values)[~np.asarray(group.mask)])
+
+
+def test_turning_and_shifting_the_map_changes_nothing() -> None:
+    scenario = worlds.scenarios("generated")[1]
+    other = worlds.turned(scenario, 1.1, np.array([500.0, -300.0, 20.0]))
+    bank = worlds.bank_of([worlds.exact(other)])
+    for name, group in observe(bank, 0).items():
+        before = seen(1)[name]
+        np.testing.assert_array_equal(group.mask, before.mask)
+        np.testing.assert_allclose(group.values, before.values, atol=10 * ROUNDING)
+
+
+def test_a_world_with_less_than_fits_is_masked() -> None:
+    many = VectorConfig(
+        history=1, num_objects=500, num_road=9000, num_lights=300, num_route=4
+    )
+    scene = worlds.scene(worlds.bank("generated"), 0)
+    motion = jax.vmap(scene.log_at)(jnp.arange(STEP - 1, STEP + 1))
+    observation = vector(many)(scene, motion, scene.object_size, jnp.int32(STEP))
+    assert observation["objects"].values.shape[0] == 500
+    assert int(observation["objects"].mask[:, -1].sum()) < 30
+
+
+def test_a_route_less_observation_has_no_route() -> None:
+    config = VectorConfig(history=0, num_route=0)
+    scene = worlds.scene(worlds.bank("generated"), 0)
+    motion = jax.tree.map(lambda leaf: leaf[None], scene.log_at(jnp.int32(STEP)))
+    observation = vector(config)(scene, motion, scene.object_size, jnp.int32(STEP))
+    assert "route" not in observation
