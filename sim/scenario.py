@@ -232,9 +232,13 @@ def check(scenario: Scenario) -> Scenario:
         ("tracks.xyz", tracks.xyz, tracks.valid[..., None]),
         ("tracks.yaw", tracks.yaw, tracks.valid),
         ("tracks.velocity", tracks.velocity, tracks.valid[..., None]),
-        ("tracks.size", tracks.size, tracks.valid.any(axis=1)[:, None]),
+        ("tracks.size", tracks.size, tracks.valid.any(axis=1, keepdims=True)),
         ("roads.xyz", scenario.roads.xyz, np.array(True)),
-        ("lights.xyz", scenario.lights.xyz, scenario.lights.valid.any(axis=1)[:, None]),
+        (
+            "lights.xyz",
+            scenario.lights.xyz,
+            scenario.lights.valid.any(axis=1, keepdims=True),
+        ),
     ):
         bad = mask & ~(np.abs(values) < 1e7)
         if bad.any():
