@@ -7,9 +7,9 @@ from rich import console as rich_console
 
 from ..learners import checkpoint, mesh as meshes
 from ..learners.base import TrainState
-from ..learners.program import compile_program, initial_state
+from ..learners.program import Program, compile_program, initial_state
+from ..sim.data.bank import Bank
 from . import banks, config, files, logbook
-from .banks import Loaded
 from .experiment import Experiment, agent, environment, learner
 from .progress import progress
 
@@ -32,38 +32,41 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
         FileNotFoundError: if there are no such data.
         ValueError: if the experiment does not fit together.
     """
+    _check_folder(folder, experiment)
     console = rich_console.Console(stderr=True)
-    _claim(folder, experiment)
     mesh = meshes.data_mesh()
     loaded = banks.load(experiment.source, experiment.max_objects, mesh)
     console.print(banks.describe(loaded), highlight=False)
-    return _run(experiment, folder, loaded, console)
+
+    env = environment(experiment.observation, experiment.dynamics, "playback")
+    made = learner(experiment, agent(experiment, env, loaded.one_shard))
+    program = compile_program(made, mesh, experiment.updates_per_call)
+    state = initial_state(made, mesh, jax.random.key(experiment.seed))
+    files.write_whole(folder / CONFIG, config.to_yaml(experiment))
+
+    checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
+    if checkpoints.steps():
+        state = checkpoints.restore(state).tree
+        done = int(state.step)
+        console.print(f"continuing {folder} at update {done:,}", highlight=False)
+    return _run(experiment, folder, program, loaded.bank, state, checkpoints)
 
 
 def _run(
     experiment: Experiment,
     folder: pathlib.Path,
-    loaded: Loaded,
-    console: rich_console.Console,
+    program: Program,
+    bank: Bank,
+    state: TrainState,
+    checkpoints: checkpoint.Checkpoints,
 ) -> TrainState:
-    mesh = meshes.data_mesh()
-    env = environment(experiment.observation, experiment.dynamics, "playback")
-    made = learner(experiment, agent(experiment, env, loaded.one_shard))
-    program = compile_program(made, mesh, experiment.updates_per_call)
-    state = initial_state(made, mesh, jax.random.key(experiment.seed))
-    checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
-    start = 0
-    if checkpoints.steps():
-        restored = checkpoints.restore(state)
-        state, start = restored.tree, restored.step
-        console.print(f"continuing {folder} at update {start:,}", highlight=False)
-
+    start = int(state.step)
     with (
         logbook.Logbook(folder, resume_step=start or None) as log,
         progress("training", experiment.updates, unit="updates", start=start) as line,
     ):
         while start < experiment.updates:
-            state, metrics = program(state, loaded.bank)
+            state, metrics = program(state, bank)
             start += experiment.updates_per_call
             scalars = {name: float(value) for name, value in metrics.items()}
             log.write(start, scalars)
@@ -75,13 +78,9 @@ def _run(
     return state
 
 
-def _claim(folder: pathlib.Path, experiment: Experiment) -> None:
-    """Writes the config of a new run, or checks that the folder's run is this one."""
+def _check_folder(folder: pathlib.Path, experiment: Experiment) -> None:
     path = folder / CONFIG
-    if not path.exists():
-        files.write_whole(path, config.to_yaml(experiment))
-        return
-    if config.load(path, Experiment) != experiment:
+    if path.exists() and config.load(path, Experiment) != experiment:
         raise FileExistsError(
             f"'{folder}' holds a run of another config; name another folder with "
             "--out, or delete this one first"

@@ -134,8 +134,8 @@ def build(scenarios: Sequence[Packed], sizes: Sizes) -> Bank:
         return np.array([len(getattr(s, name)) for s in kept], np.int32)
 
     arrays: dict[str, Any] = dict(
-        dt=np.float32(kept[0].dt),
-        num_scenarios=np.int32(len(kept)),
+        dt=np.array(kept[0].dt, np.float32),
+        num_scenarios=np.array(len(kept), np.int32),
         current_step=np.array([s.current_step for s in kept], np.int32),
         num_steps=np.array([s.num_steps for s in kept], np.int32),
         centre=np.stack([s.centre for s in kept]),

@@ -1,0 +1,216 @@
+"""Tests of the commands as a user types them: what they write, and how they refuse."""
+
+import json
+import pathlib
+import sys
+
+import numpy as np
+import pytest
+
+from drivetrain.launch import cli
+
+TINY = """
+data: synthetic:0:4
+max_objects: 12
+observation: {history: 1, num_objects: 2, num_road: 4, num_lights: 1, num_route: 2}
+agent: {width: 8, num_heads: 2, num_layers: 1, num_latents: 2, hidden_width: 8}
+learner: {batch_size: 8, learning_rate: 1e-3}
+updates: 4
+updates_per_call: 2
+updates_per_checkpoint: 2
+"""
+
+
+@pytest.fixture
+def drivetrain(monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path):
+    """Runs a command in an empty folder and returns its exit code."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words: str) -> int:
+        monkeypatch.setattr(sys, "argv", ["drivetrain", *words])
+        try:
+            cli.main()
+        except SystemExit as stop:
+            return int(stop.code or 0)
+        return 0
+
+    return run
+
+
+def scenario_file(path: pathlib.Path) -> pathlib.Path:
+    """Writes a small WOMD JSON file: a car that drives along a road of two edges."""
+    steps = range(91)
+    edges = [(-5.0, 1), (5.0, -1)]  # the road lies left of an edge
+    scene = {
+        "name": path.name,
+        "objects": [
+            {
+                "position": [{"x": 1.0 * t, "y": 0.0} for t in steps],
+                "velocity": [{"x": 10.0, "y": 0.0} for t in steps],
+                "heading": [0.0 for t in steps],
+                "valid": [True for t in steps],
+                "length": 4.0,
+                "width": 2.0,
+                "type": "vehicle",
+                "goalPosition": {"x": 90.0, "y": 0.0},
+            }
+        ],
+        "roads": [
+            {
+                "type": "road_edge",
+                "geometry": [
+                    {"x": float(x), "y": y} for x in range(-50, 200)[::direction]
+                ],
+            }
+            for y, direction in edges
+        ],
+        "tl_states": {},
+    }
+    path.write_text(json.dumps(scene))
+    return path
+
+
+def test_prepare_train_evaluate_work_on_files(
+    drivetrain, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture
+) -> None:
+    for number in range(3):
+        scenario_file(tmp_path / f"scene{number}.json")
+    (tmp_path / "broken.json").write_text('{"name": "x", "objects": [')
+    assert drivetrain("prepare", "*.json", "store") == 0
+    out = capsys.readouterr().out
+    assert "3 scenarios" in out and "1 record(s) left out" in out
+    assert "broken.json, record 0" in out
+
+    (tmp_path / "tiny.yaml").write_text(TINY)
+    assert drivetrain("train", "tiny.yaml", "data=store") == 0
+    words = ["--data", "store", "--json", "table.json", "--dump", "dump"]
+    assert drivetrain("evaluate", "runs/tiny", *words) == 0
+    (row,) = json.loads((tmp_path / "table.json").read_text())
+    assert row["agent"] == "tiny" and row["sim_agent"] == "playback"
+    assert row["episodes"] == 3
+    names = sorted(path.stem for path in (tmp_path / "dump").iterdir())
+    assert names == ["scene0", "scene1", "scene2"]
+
+
+def test_the_expert_has_the_figures_of_the_log(
+    drivetrain, tmp_path: pathlib.Path
+) -> None:
+    scenario_file(tmp_path / "scene.json")
+    words = ["--data", "scene.json", "--json", "table.json", "--dump", "dump"]
+    assert drivetrain("evaluate", "expert", "--dynamics", "delta", *words) == 0
+    (row,) = json.loads((tmp_path / "table.json").read_text())
+    assert row["collision_pct"] == 0 and row["offroad_pct"] == 0
+    assert row["log_ade_m"] < 0.01  # coordinates are kept to 1 cm
+    assert row["progress_pct"] == pytest.approx(100, abs=0.1)
+
+    with np.load(tmp_path / "dump" / "scene.npz") as dump:
+        assert dump["xy"].shape == (91, 1, 2)
+        np.testing.assert_allclose(dump["xy"][:, 0, 0], np.arange(91), atol=0.011)
+        assert dump["velocity"].shape == (91, 1, 2) and dump["yaw"].shape == (91, 1)
+        assert dump["valid"].all() and int(dump["ego_index"]) == 0
+        assert dump["metric/offroad"].shape == (91, 1)
+        assert dump["metric/progress"].shape == (91,)
+
+
+def test_a_run_that_was_cut_equals_one_that_was_not(
+    drivetrain, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "tiny.yaml").write_text(TINY)
+    assert drivetrain("train", "tiny.yaml", "--out", "whole") == 0
+
+    class Cut(KeyboardInterrupt):
+        """Somebody presses Ctrl-C."""
+
+    write = cli.run_training.__globals__["logbook"].Logbook.write
+
+    def write_then_cut(log, step, scalars):
+        write(log, step, scalars)
+        if step == 4:
+            raise Cut
+
+    monkeypatch.setattr("drivetrain.launch.logbook.Logbook.write", write_then_cut)
+    assert drivetrain("train", "tiny.yaml", "--out", "cut") == 130
+    monkeypatch.undo()
+    monkeypatch.chdir(tmp_path)
+    assert drivetrain("train", "tiny.yaml", "--out", "cut") == 0
+
+    lines = [(tmp_path / run / "metrics.jsonl").read_text() for run in ("whole", "cut")]
+    assert lines[0] == lines[1]
+    hashes = [
+        json.loads(path.read_text())["custom_metadata"]["sha256"]
+        for run in ("whole", "cut")
+        for path in (tmp_path / run / "checkpoints" / "4").glob("*METADATA*")
+        if "sha256" in path.read_text()
+    ]
+    assert len(hashes) == 2 and hashes[0] == hashes[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["evaluate", "exprt"], "unknown agent 'exprt'; did you mean 'expert'?"),
+        (["evaluate", "expert", "--data", "nowhere/*.x"], "no file matches"),
+        (["evaluate", "expert", "--data", "empty"], "holds no finished store"),
+        (["evaluate", "empty"], "'empty' is no run"),
+        (["evaluate", "expert", "--data", "synthetic:a:1"], "is no source"),
+        (["evaluate", "expert", "--data", "text.txt"], "no usable scenario"),
+        (["prepare", "text.txt", "out"], "no usable scenario"),
+        (["prepare", "text.txt"], "the folder of the store"),
+        (["prepare", "text.txt", "full"], "is there and no store"),
+        (["train", "tiny.yaml", "lerner.batch_size=3"], "did you mean"),
+        (["train", "tiny.yaml", "updates=5"], "multiple of updates_per_call"),
+        (["train", "tiny.yaml", "dynamics=bicycel"], "did you mean 'bicycle'?"),
+        (["train", "tiny.yaml", "data=missing"], "no file matches 'missing'"),
+        (["train", "tinny.yaml"], "tiny.yaml"),
+        (["train", "tiny.yaml", "learner.learning_rate=fast"], "learning_rate"),
+    ],
+)
+def test_bad_input_ends_in_one_sentence_and_exit_code_2(
+    drivetrain,
+    tmp_path: pathlib.Path,
+    capsys: pytest.CaptureFixture,
+    words: list[str],
+    sentence: str,
+) -> None:
+    (tmp_path / "tiny.yaml").write_text(TINY)
+    (tmp_path / "text.txt").write_text("no driving log")
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "thesis.txt").write_text("do not lose")
+    before = sorted(tmp_path.rglob("*"))
+    assert drivetrain(*words) == 2
+    error = capsys.readouterr().err.strip()
+    assert sentence in error
+    assert len(error.splitlines()) <= 2 and "Traceback" not in error
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_strict_prepare_stops_at_the_first_bad_record(
+    drivetrain, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture
+) -> None:
+    scenario_file(tmp_path / "good.json")
+    (tmp_path / "bad.json").write_text("{}")
+    assert drivetrain("prepare", "*.json", "store", "--strict") == 2
+    assert "bad.json, record 0" in capsys.readouterr().err
+    assert not (tmp_path / "store").exists()
+
+
+def test_an_id_from_a_file_cannot_lead_out_of_the_dump(
+    drivetrain, tmp_path: pathlib.Path
+) -> None:
+    path = scenario_file(tmp_path / "scene.json")
+    scene = json.loads(path.read_text()) | {"scenario_id": "../../escaped"}
+    path.write_text(json.dumps(scene))
+    assert drivetrain("evaluate", "coast", "--data", "scene.json", "--dump", "d") == 0
+    assert [p.name for p in (tmp_path / "d").iterdir()] == ["..%2F..%2Fescaped.npz"]
+
+
+def test_a_folder_with_another_run_is_left_alone(
+    drivetrain, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture
+) -> None:
+    (tmp_path / "tiny.yaml").write_text(TINY)
+    assert drivetrain("train", "tiny.yaml", "--out", "run") == 0
+    config = (tmp_path / "run" / "config.yaml").read_text()
+    assert drivetrain("train", "tiny.yaml", "seed=1", "--out", "run") == 2
+    assert "another config" in capsys.readouterr().err
+    assert (tmp_path / "run" / "config.yaml").read_text() == config
