@@ -33,12 +33,12 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
         ValueError: if the experiment does not fit together.
     """
     _check_folder(folder, experiment)
+    env = environment(experiment.observation, experiment.dynamics, "playback")
     console = rich_console.Console(stderr=True)
     mesh = meshes.data_mesh()
     loaded = banks.load(experiment.source, experiment.max_objects, mesh)
     console.print(banks.describe(loaded), highlight=False)
 
-    env = environment(experiment.observation, experiment.dynamics, "playback")
     made = learner(experiment, agent(experiment, env, loaded.one_shard))
     program = compile_program(made, mesh, experiment.updates_per_call)
     state = initial_state(made, mesh, jax.random.key(experiment.seed))

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from drivetrain.launch import cli
+from drivetrain.launch import cli, logbook
 
 TINY = """
 data: synthetic:0:4
@@ -121,14 +121,14 @@ def test_a_run_that_was_cut_equals_one_that_was_not(
     class Cut(KeyboardInterrupt):
         """Somebody presses Ctrl-C."""
 
-    write = cli.run_training.__globals__["logbook"].Logbook.write
+    write = logbook.Logbook.write
 
     def write_then_cut(log, step, scalars):
         write(log, step, scalars)
         if step == 4:
             raise Cut
 
-    monkeypatch.setattr("drivetrain.launch.logbook.Logbook.write", write_then_cut)
+    monkeypatch.setattr(logbook.Logbook, "write", write_then_cut)
     assert drivetrain("train", "tiny.yaml", "--out", "cut") == 130
     monkeypatch.undo()
     monkeypatch.chdir(tmp_path)

@@ -1,0 +1,84 @@
+"""States the distributions over actions that policies return.
+
+Actions are in the environment's units. Batches arise by vmap.
+"""
+
+import jax
+import jax.numpy as jnp
+from flax import struct
+from jaxtyping import Array, Float, Int, Key
+
+from ..sim.dynamics.base import Continuous
+from ..sim.records import Record
+
+# An action on a bound has an infinite pre-image under tanh: keep this far inside.
+SQUASHED_LIMIT = 1 - 1e-3
+
+
+class Categorical(Record):
+    """A choice among numbered actions."""
+
+    logits: Float[Array, " actions"]
+
+    def log_prob(self, action: Int[Array, ""]) -> Float[Array, ""]:
+        """Returns the logarithm of the probability of an action."""
+        return jax.nn.log_softmax(self.logits)[action]
+
+    def sample(self, key: Key[Array, ""]) -> Int[Array, ""]:
+        """Draws an action."""
+        return jax.random.categorical(key, self.logits).astype(jnp.int32)
+
+    def mode(self) -> Int[Array, ""]:
+        """Returns the most likely action."""
+        return jnp.argmax(self.logits).astype(jnp.int32)
+
+
+class TanhMixture(Record):
+    """A mixture of Gaussians with diagonal covariance, squashed into bounds by tanh.
+
+    With component weights w, means m and scales s, the action a has the density
+
+        y = 2 (a - low) / (high - low) - 1,    u = atanh(y)
+        p(a) = sum_k w_k N(u; m_k, s_k) / prod_i [(1 - y_i^2) (high_i - low_i) / 2]
+
+    (the head of Gulino et al. 2023, A.2). Departs from it where |y| > 1 - 1e-3: such an
+    action counts as one at that distance from the bound, where experts do act.
+    """
+
+    logits: Float[Array, " components"]  # of the weights
+    mean: Float[Array, "components features"]
+    scale: Float[Array, "components features"]  # positive
+    bounds: Continuous = struct.field(pytree_node=False)
+
+    def log_prob(self, action: Float[Array, " features"]) -> Float[Array, ""]:
+        """Returns the logarithm of the density of an action [1 / its unit]."""
+        low, high = jnp.array(self.bounds.low), jnp.array(self.bounds.high)
+        squashed = 2 * (action - low) / (high - low) - 1
+        squashed = jnp.clip(squashed, -SQUASHED_LIMIT, SQUASHED_LIMIT)
+
+        deviation = (jnp.arctanh(squashed)[None] - self.mean) / self.scale
+        normal = -0.5 * deviation**2 - jnp.log(self.scale) - 0.5 * jnp.log(2 * jnp.pi)
+        weight = jax.nn.log_softmax(self.logits)
+        mixture = jax.nn.logsumexp(weight + normal.sum(axis=-1))
+
+        stretch = jnp.log1p(-(squashed**2)) + jnp.log((high - low) / 2)
+        return mixture - stretch.sum()
+
+    def sample(self, key: Key[Array, ""]) -> Float[Array, " features"]:
+        """Draws an action."""
+        component_key, noise_key = jax.random.split(key)
+        component = jax.random.categorical(component_key, self.logits)
+        mean, scale = self.mean[component], self.scale[component]
+        return self._squash(mean + scale * jax.random.normal(noise_key, mean.shape))
+
+    def mode(self) -> Float[Array, " features"]:
+        """Returns the centre of the most likely component."""
+        return self._squash(self.mean[jnp.argmax(self.logits)])
+
+    def _squash(self, u: Float[Array, " features"]) -> Float[Array, " features"]:
+        low, high = jnp.array(self.bounds.low), jnp.array(self.bounds.high)
+        action = low + (jnp.tanh(u) + 1) / 2 * (high - low)
+        return jnp.clip(action, low, high)  # rounding may step over the bound
+
+
+Distribution = Categorical | TanhMixture

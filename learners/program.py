@@ -1,0 +1,59 @@
+"""Compiles a learner for a mesh: the one place that shards and donates."""
+
+from collections.abc import Callable
+
+import jax
+from jax.sharding import Mesh, PartitionSpec
+from jaxtyping import Array, Key
+
+from . import mesh as meshes
+from .base import Bank, Learner, Metrics, TrainState
+
+Program = Callable[[TrainState, Bank], tuple[TrainState, Metrics]]
+
+
+def initial_state(learner: Learner, mesh: Mesh, key: Key[Array, ""]) -> TrainState:
+    """Makes the state before the first update, a copy on each device."""
+    return meshes.replicate(mesh, jax.jit(learner.init)(key))
+
+
+def compile_program(learner: Learner, mesh: Mesh, updates_per_call: int) -> Program:
+    """Compiles several updates of a learner into one program.
+
+    Args:
+        learner: what to run.
+        mesh: the devices to run on.
+        updates_per_call: how many updates one call makes, with no host in between.
+
+    Returns:
+        A function of the train state (a copy on each device; donated, so the argument
+        is gone after the call) and the bank (every leaf sharded along a leading axis of
+        devices). It returns the new train state and the mean metrics of its updates.
+
+    Raises:
+        ValueError: if there is no update in a call.
+    """
+    if updates_per_call < 1:
+        raise ValueError(
+            f"updates_per_call must be at least 1, got {updates_per_call}."
+        )
+
+    def run(train_state: TrainState, bank: Bank) -> tuple[TrainState, Metrics]:
+        local_bank = jax.tree.map(lambda leaf: leaf[0], bank)
+
+        def update(train_state: TrainState, _: None) -> tuple[TrainState, Metrics]:
+            return learner.update(train_state, local_bank, meshes.AXIS)
+
+        train_state, metrics = jax.lax.scan(
+            update, train_state, length=updates_per_call
+        )
+        return train_state, {name: values.mean() for name, values in metrics.items()}
+
+    everywhere, by_device = PartitionSpec(), PartitionSpec(meshes.AXIS)
+    sharded = jax.shard_map(
+        run,
+        mesh=mesh,
+        in_specs=(everywhere, by_device),
+        out_specs=(everywhere, everywhere),
+    )
+    return jax.jit(sharded, donate_argnums=0)

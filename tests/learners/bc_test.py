@@ -1,0 +1,90 @@
+"""Tests that behavior cloning learns, weighs, and shares its batch among devices."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from drivetrain.agents.base import Agent
+from drivetrain.agents.distributions import Categorical
+from drivetrain.learners import bc, mesh as meshes, optim, program
+from drivetrain.learners.base import Learner
+from drivetrain.sim.dynamics.base import Continuous
+from drivetrain.sim.observations.base import Observation, TokenGroup
+from tests.learners import toy
+
+FAST = optim.OptimizerConfig(learning_rate=3e-3, warmup_updates=20)
+
+
+def train(learner: Learner, num_calls: int) -> dict[str, jax.Array]:
+    mesh = meshes.data_mesh()
+    run = program.compile_program(learner, mesh, updates_per_call=100)
+    train_state = program.initial_state(learner, mesh, jax.random.key(0))
+    bank = meshes.shard(mesh, toy.bank(mesh.size))
+    for _ in range(num_calls):
+        train_state, metrics = run(train_state, bank)
+    return metrics
+
+
+def cloning(sample: bc.Sample, agent: Agent) -> Learner:
+    return bc.behavior_cloning(agent, sample, optim.adam(FAST), batch_size=64)
+
+
+def test_it_learns_a_sign_among_masked_distractors() -> None:
+    metrics = train(cloning(toy.sampler(toy.sign), toy.agent()), num_calls=3)
+    assert metrics["accuracy"] > 0.95
+
+
+def test_it_learns_when_a_token_was_seen() -> None:
+    def appear(values: jax.Array) -> jax.Array:
+        return (jnp.abs(values[0, 0, 0]) * 100).astype(jnp.int32) % toy.NUM_STEPS
+
+    def see(values: jax.Array) -> Observation:
+        mask = jnp.zeros(values.shape[:2], bool).at[0, appear(values)].set(True)
+        return {"objects": TokenGroup(values=jnp.ones_like(values), mask=mask)}
+
+    sample = toy.sampler(lambda values: appear(values) // 2, see)
+    metrics = train(cloning(sample, toy.agent()), num_calls=3)
+    assert metrics["accuracy"] > 0.95
+
+
+def test_it_learns_two_modes_of_a_continuous_action() -> None:
+    bounds = Continuous(low=(-6.0,), high=(6.0,))
+    sample = toy.sampler(lambda values: 4.0 * jnp.sign(values[0, -1, :1]))
+    metrics = train(cloning(sample, toy.agent(bounds)), num_calls=5)
+    assert metrics["absolute_error"] < 0.05
+
+
+def test_demonstrations_of_no_weight_change_nothing() -> None:
+    def sample(bank: dict[str, jax.Array], key: jax.Array) -> bc.Demonstration:
+        return toy.sampler(toy.sign)(bank, key).replace(weight=jnp.zeros(()))
+
+    learner = cloning(sample, toy.linear_agent())
+    mesh = meshes.data_mesh()
+    before = program.initial_state(learner, mesh, jax.random.key(0))
+    kept = jax.tree.map(np.asarray, before.params)
+    run = program.compile_program(learner, mesh, updates_per_call=3)
+    after, metrics = run(before, meshes.shard(mesh, toy.bank(mesh.size)))
+    jax.tree.map(np.testing.assert_array_equal, after.params, kept)
+    assert metrics["total_weight"] == 0
+
+
+def test_each_update_draws_anew() -> None:
+    drawn = bc.Demonstration(
+        observation={}, action=jnp.zeros((), jnp.int32), weight=jnp.zeros(())
+    )
+
+    def sample(bank: dict[str, jax.Array], key: jax.Array) -> bc.Demonstration:
+        return drawn.replace(weight=jax.random.uniform(key))
+
+    indifferent = Agent(
+        init=lambda key: jnp.zeros(2),
+        distribution=lambda params, observation: Categorical(logits=params),
+    )
+    learner = cloning(sample, indifferent)
+    mesh = meshes.data_mesh()
+    run = program.compile_program(learner, mesh, updates_per_call=1)
+    state = program.initial_state(learner, mesh, jax.random.key(0))
+    bank = meshes.shard(mesh, toy.bank(mesh.size))
+    state, first = run(state, bank)
+    _, second = run(state, bank)
+    assert first["total_weight"] != second["total_weight"]

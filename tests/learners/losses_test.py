@@ -1,0 +1,33 @@
+"""Tests of sums under weights and of the distance between actions."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from drivetrain.agents.distributions import Categorical, TanhMixture
+from drivetrain.learners import losses
+from drivetrain.sim.dynamics.base import Continuous
+
+ROUNDING = 1e-6  # float32, values of order one
+
+
+def test_values_of_no_weight_do_not_count_even_when_not_finite() -> None:
+    values = jnp.array([1.0, jnp.inf, 3.0])
+    assert losses.weighted_sum(values, jnp.array([2.0, 0.0, 0.5])) == 3.5
+
+
+def test_numbered_actions_are_right_or_wrong() -> None:
+    distribution = Categorical(logits=jnp.array([0.0, 2.0, 1.0]))
+    assert losses.imitation_error(distribution, jnp.array(1))["accuracy"] == 1
+    assert losses.imitation_error(distribution, jnp.array(2))["accuracy"] == 0
+
+
+def test_the_error_of_continuous_actions_is_a_fraction_of_the_range() -> None:
+    distribution = TanhMixture(
+        logits=jnp.zeros(1),
+        mean=jnp.zeros((1, 2)),
+        scale=jnp.ones((1, 2)),
+        bounds=Continuous(low=(-6.0, 0.0), high=(6.0, 1.0)),
+    )
+    # The mode is the middle (0, 0.5): off by 3 of 12 and by 0.25 of 1.
+    error = losses.imitation_error(distribution, jnp.array([3.0, 0.25]))
+    np.testing.assert_allclose(error["absolute_error"], 0.25, atol=ROUNDING)

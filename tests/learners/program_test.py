@@ -1,0 +1,91 @@
+"""Tests that a learner becomes one program: traced once, fed by no host."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from drivetrain.learners import mesh as meshes, optim, program
+from drivetrain.learners.base import Bank, Learner, Metrics, TrainState
+from drivetrain.learners.bc import behavior_cloning
+from tests.learners import toy
+
+
+def cloning() -> Learner:
+    optimizer = optim.adam(optim.OptimizerConfig())
+    return behavior_cloning(
+        toy.linear_agent(), toy.sampler(toy.sign), optimizer, batch_size=4
+    )
+
+
+def counting_learner(traces: list[None]) -> Learner:
+    """Adds the bank's first value to its parameter at each update."""
+
+    def init(key: jax.Array) -> TrainState:
+        step = jnp.zeros((), jnp.int32)
+        return TrainState(params=jnp.zeros(()), opt_state=(), step=step, key=key)
+
+    def update(
+        train_state: TrainState, bank: Bank, axis_name: str
+    ) -> tuple[TrainState, Metrics]:
+        traces.append(None)
+        params = train_state.params + jax.lax.psum(bank["value"], axis_name)
+        moved = train_state.replace(params=params, step=train_state.step + 1)
+        return moved, {"step": train_state.step.astype(jnp.float32)}
+
+    return Learner(init=init, update=update)
+
+
+def test_a_call_makes_all_its_updates_and_averages_their_metrics() -> None:
+    mesh = meshes.data_mesh()
+    learner = counting_learner([])
+    run = program.compile_program(learner, mesh, updates_per_call=5)
+    state = program.initial_state(learner, mesh, jax.random.key(0))
+    bank = meshes.shard(mesh, {"value": np.full(mesh.size, 2.0, np.float32)})
+    state, metrics = run(state, bank)
+    assert (state.step, state.params) == (5, 10 * mesh.size)
+    assert metrics["step"] == 2
+
+
+def test_many_calls_are_traced_and_compiled_once() -> None:
+    traces: list[None] = []
+    mesh = meshes.data_mesh()
+    learner = counting_learner(traces)
+    run = program.compile_program(learner, mesh, updates_per_call=3)
+    state = program.initial_state(learner, mesh, jax.random.key(0))
+    bank = meshes.shard(mesh, {"value": np.ones(mesh.size, np.float32)})
+    state, _ = run(state, bank)
+    for _ in range(4):
+        state, _ = run(state, bank)
+    assert len(traces) == 1
+    assert run._cache_size() == 1
+
+
+def test_updates_need_nothing_from_the_host() -> None:
+    mesh = meshes.data_mesh()
+    learner = cloning()
+    run = program.compile_program(learner, mesh, updates_per_call=2)
+    state = program.initial_state(learner, mesh, jax.random.key(0))
+    on_host = toy.bank(mesh.size)
+    bank = meshes.shard(mesh, on_host)
+    state, _ = run(state, bank)
+    with jax.transfer_guard("disallow"):
+        state, _ = run(state, bank)
+        # The guard does see what comes from the host.
+        with pytest.raises(jax.errors.JaxRuntimeError, match="Disallowed"):
+            run(state, jax.tree.map(np.asarray, on_host))
+
+
+def test_the_state_given_is_donated() -> None:
+    mesh = meshes.data_mesh()
+    learner = cloning()
+    run = program.compile_program(learner, mesh, updates_per_call=1)
+    state = program.initial_state(learner, mesh, jax.random.key(0))
+    run(state, meshes.shard(mesh, toy.bank(mesh.size)))
+    assert all(leaf.is_deleted() for leaf in jax.tree.leaves(state.params))
+
+
+def test_a_bank_for_other_devices_is_refused() -> None:
+    mesh = meshes.data_mesh()
+    with pytest.raises(ValueError, match="leading axis"):
+        meshes.shard(mesh, toy.bank(mesh.size + 1))

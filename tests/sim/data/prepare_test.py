@@ -1,0 +1,263 @@
+"""Tests that a store is made whole, continued where it was cut, or not at all."""
+
+import json
+import pathlib
+
+import orjson
+import pytest
+
+from drivetrain.sim.data import prepare, store
+from drivetrain.sim.data.pack import PackConfig
+from drivetrain.sim.data.prepare import RecordError
+from tests.sim.data import files, protos
+
+NUM_FILES = 5
+
+
+@pytest.fixture(autouse=True)
+def one_file_per_shard(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(prepare, "SHARD_BYTES", 1)
+
+
+@pytest.fixture
+def paths(tmp_path: pathlib.Path) -> list[pathlib.Path]:
+    """Returns files of two records each."""
+    made = []
+    for seed in range(NUM_FILES):
+        records = [
+            protos.scenario_proto(files.scenario(10 * seed + i)) for i in range(2)
+        ]
+        made.append(tmp_path / f"{seed}.tfrecord")
+        made[-1].write_bytes(files.tfrecord(*records))
+    return made
+
+
+@pytest.fixture
+def out(tmp_path: pathlib.Path) -> pathlib.Path:
+    return tmp_path / "made" / "store"
+
+
+def spoil(path: pathlib.Path) -> None:
+    """Makes the second of three records of a file bad."""
+    good = [protos.scenario_proto(files.scenario(90 + i)) for i in range(2)]
+    path.write_bytes(files.tfrecord(good[0], b"\xff", good[1]))
+
+
+def contents(folder: pathlib.Path) -> dict[str, bytes]:
+    """Returns the bytes of each file of a folder."""
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
+
+
+class Cut(Exception):
+    """Ends a run as a power cut would."""
+
+
+def cut_after(num_files: int, num_scenarios: int = 0):
+    """Returns a tick that ends the run in the file after so many."""
+
+    def tick(files_done: int, scenarios_done: int) -> None:
+        if files_done >= num_files and scenarios_done >= num_scenarios:
+            raise Cut
+
+    return tick
+
+
+def test_a_store_holds_the_scenarios_of_its_files_in_order(paths, out):
+    summary = prepare.prepare(paths, out, PackConfig())
+    wanted = [f"{10 * seed + i:016x}" for seed in range(NUM_FILES) for i in range(2)]
+
+    assert [packed.scenario_id for packed in store.read(out)] == wanted
+    assert summary.num_scenarios == len(wanted)
+    assert summary.num_shards == NUM_FILES
+    assert summary.num_bytes == sum(packed.num_bytes for packed in store.read(out))
+    assert (summary.num_continued, summary.bad, summary.duplicates) == (0, [], [])
+
+
+def test_small_files_share_a_shard_and_a_large_one_has_its_own(paths, out, monkeypatch):
+    monkeypatch.setattr(prepare, "SHARD_BYTES", 2 * paths[0].stat().st_size)
+
+    assert prepare.prepare(paths, out, PackConfig()).num_shards == 3
+
+
+@pytest.mark.parametrize("num_done", range(NUM_FILES))
+def test_a_run_that_was_cut_is_continued_to_the_same_bytes(paths, out, num_done):
+    undisturbed = out.with_name("undisturbed")
+    prepare.prepare(paths, undisturbed, PackConfig())
+    with pytest.raises(Cut):
+        tick = cut_after(num_done, 2 * num_done + 1)
+        prepare.prepare(paths, out, PackConfig(), tick=tick)
+    assert not store.is_store(out)
+
+    summary = prepare.prepare(paths, out, PackConfig())
+
+    assert summary.num_continued == num_done
+    assert summary.num_scenarios == 2 * NUM_FILES
+    assert contents(out) == contents(undisturbed)
+
+
+def test_a_cut_leaves_no_half_written_file(paths, out):
+    with pytest.raises(Cut):
+        prepare.prepare(paths, out, PackConfig(), tick=cut_after(2, 5))
+
+    names = {path.name for path in out.iterdir()}
+    done = {f"shard-0000{i}{end}" for i in (0, 1) for end in (".array_record", ".json")}
+    assert names == {prepare.PLAN} | done
+
+
+def test_a_shard_whose_list_was_not_written_is_made_anew(paths, out):
+    prepare.prepare(paths, out, PackConfig())
+    whole = contents(out)
+    (out / "shard-00002.json").unlink()
+    (out / store.MANIFEST).unlink()
+
+    assert prepare.prepare(paths, out, PackConfig()).num_continued == NUM_FILES - 1
+    assert contents(out) == whole
+
+
+def test_a_finished_store_is_left_as_it_is(paths, out):
+    prepare.prepare(paths, out, PackConfig())
+    before = contents(out)
+
+    assert prepare.prepare(paths, out, PackConfig()).num_continued == NUM_FILES
+    assert contents(out) == before
+
+
+def test_the_manifest_states_the_digest_of_each_shard(paths, out):
+    prepare.prepare(paths, out, PackConfig())
+
+    for shard in store.read_manifest(out)["shards"]:
+        assert store.file_digest(out / shard["name"]) == shard["sha256"]
+
+
+def test_bad_records_are_named_with_file_and_number_and_left_out(paths, out):
+    spoil(paths[3])
+
+    summary = prepare.prepare(paths, out, PackConfig())
+
+    (bad,) = summary.bad
+    assert (bad["file"], bad["record"]) == (str(paths[3]), 1)
+    assert "Scenario message" in bad["reason"]
+    assert summary.num_scenarios == len(list(store.read(out))) == 2 * NUM_FILES
+    assert store.read_manifest(out)["num_bad_records"] == 1
+
+
+def test_a_continued_run_still_names_the_bad_records_of_the_first(paths, out):
+    spoil(paths[0])
+    with pytest.raises(Cut):
+        prepare.prepare(paths, out, PackConfig(), tick=cut_after(2))
+
+    assert len(prepare.prepare(paths, out, PackConfig()).bad) == 1
+
+
+def test_reasons_are_counted_most_frequent_first(paths, out):
+    for path in paths[:2]:
+        spoil(path)
+    paths[2].write_bytes(b"")
+
+    reasons = prepare.prepare(paths, out, PackConfig()).reasons()
+
+    assert [count for _, count in reasons] == [2, 1]
+    assert "empty" in reasons[1][0]
+
+
+def test_a_strict_run_ends_at_the_first_bad_record_and_leaves_nothing(paths, out):
+    spoil(paths[3])
+
+    with pytest.raises(RecordError, match=r"3.tfrecord, record 1: "):
+        prepare.prepare(paths, out, PackConfig(), strict=True)
+
+    assert not out.exists()
+
+
+def test_a_strict_run_sees_the_bad_records_of_the_run_that_it_continues(paths, out):
+    spoil(paths[0])
+    with pytest.raises(Cut):
+        prepare.prepare(paths, out, PackConfig(), tick=cut_after(2))
+
+    with pytest.raises(RecordError, match=r"0.tfrecord, record 1: "):
+        prepare.prepare(paths, out, PackConfig(), strict=True)
+
+
+def test_a_strict_run_over_good_files_is_as_any_other(paths, out):
+    summary = prepare.prepare(paths, out, PackConfig(), strict=True)
+
+    assert summary.num_scenarios == 2 * NUM_FILES
+
+
+def test_without_a_usable_record_there_is_no_store(paths, out):
+    paths[0].write_bytes(b"nothing known")
+
+    with pytest.raises(RecordError, match=r"no usable scenario in 1 files.*0.tfrecord"):
+        prepare.prepare(paths[:1], out, PackConfig())
+
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("other", ["fewer files", "order", "settings"])
+def test_a_folder_of_other_files_or_settings_is_left_alone(paths, out, other):
+    prepare.prepare(paths, out, PackConfig())
+    before = contents(out)
+    chosen = {"fewer files": paths[1:], "order": paths[::-1]}.get(other, paths)
+    config = PackConfig(quantize=other != "settings")
+
+    with pytest.raises(FileExistsError, match="other files or settings; name another"):
+        prepare.prepare(chosen, out, config)
+
+    assert contents(out) == before
+
+
+def test_a_file_that_grew_makes_another_store(paths, out):
+    prepare.prepare(paths, out, PackConfig())
+    paths[0].write_bytes(paths[0].read_bytes() * 2)
+
+    with pytest.raises(FileExistsError):
+        prepare.prepare(paths, out, PackConfig())
+
+
+def test_a_folder_of_something_else_is_left_alone(paths, tmp_path):
+    before = contents(tmp_path)
+
+    with pytest.raises(FileExistsError, match="name a new folder"):
+        prepare.prepare(paths, tmp_path, PackConfig())
+    with pytest.raises(FileExistsError, match="name a new folder"):
+        prepare.prepare(paths, paths[0], PackConfig())
+
+    assert contents(tmp_path) == before
+
+
+def test_an_empty_folder_is_taken(paths, out):
+    out.mkdir(parents=True)
+
+    assert prepare.prepare(paths, out, PackConfig()).num_shards == NUM_FILES
+
+
+def test_ids_that_come_twice_are_listed_and_kept(paths, out):
+    paths[1].write_bytes(paths[0].read_bytes())
+
+    summary = prepare.prepare(paths, out, PackConfig())
+
+    assert summary.duplicates == [f"{0:016x}", f"{1:016x}"]
+    assert summary.num_scenarios == 2 * NUM_FILES
+
+
+def test_progress_never_goes_back_and_ends_at_the_totals(paths, out):
+    calls = []
+    with pytest.raises(Cut):
+        prepare.prepare(paths, out, PackConfig(), tick=cut_after(2))
+
+    prepare.prepare(paths, out, PackConfig(), tick=lambda *call: calls.append(call))
+
+    assert calls == sorted(calls)
+    assert calls[0] == (1, 2)
+    assert calls[-1] == (NUM_FILES, 2 * NUM_FILES)
+
+
+def test_formats_may_be_mixed(paths, out, tmp_path):
+    document = files.json_document(files.scenario(77))
+    (tmp_path / "one.json").write_bytes(orjson.dumps(document))
+
+    summary = prepare.prepare([paths[0], tmp_path / "one.json"], out, PackConfig())
+
+    assert summary.num_scenarios == 3
+    listing = json.loads((out / "shard-00001.json").read_text())
+    assert listing["scenarios"][0]["scenario_id"] == f"{77:016x}"
