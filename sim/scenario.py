@@ -54,6 +54,7 @@ class MapType(enum.IntEnum):
 
 
 NUM_MAP_TYPES = len(MapType) + 1  # the codes run to 20, and 4 is not used
+MAX_EXTENT = 10_000.0  # metres that a map may reach
 LANES = (
     MapType.LANE_UNDEFINED,
     MapType.LANE_FREEWAY,
@@ -211,8 +212,8 @@ def check(scenario: Scenario) -> Scenario:
 
     Raises:
         ScenarioError: if the log is too short, the ego is absent at the current step or
-            never moves on to a later one, there is no map, or a value that is marked
-            valid is not finite or beyond 10,000 km.
+            at all later ones, there is no map or one of more than 10 km, or a value
+            that is marked valid is not finite or beyond 10,000 km.
     """
     tracks, current = scenario.tracks, scenario.current_step
     if scenario.num_steps < current + 2:
@@ -248,4 +249,10 @@ def check(scenario: Scenario) -> Scenario:
             )
     if (tracks.size[tracks.valid.any(axis=1)] < 0).any():
         raise ScenarioError("tracks.size has a negative length, width or height")
+    extent = np.ptp(scenario.roads.xyz, axis=0).max()
+    if extent > MAX_EXTENT:
+        raise ScenarioError(
+            f"the map is {extent / 1e3:,.0f} km wide, at most "
+            f"{MAX_EXTENT / 1e3:.0f} km fit; cut it around the ego"
+        )
     return scenario

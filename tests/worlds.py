@@ -33,8 +33,7 @@ MOTIONS = ("before", "after", "logged")  # of a moment
 SEEDS = range(6)  # of generated scenarios
 MAX_OBJECTS = 16
 
-# Coordinates reach 1 km from the ego, where float32 steps by 0.06 mm; a dozen such
-# errors add up to less than this [m].
+# At 1 km from the ego float32 steps by 0.06 mm; a dozen errors make less than this [m].
 ROUNDING = 1e-3
 NUDGES = ROUNDING * np.array([(0, 0), (1, 1), (1, -1), (-1, 1), (-1, -1)])
 
@@ -240,8 +239,7 @@ def _taken(results: list[dict[str, Measure]], objects: np.ndarray):
 
 def _turned(moments: Sequence[Moment]) -> list[dict[str, Measure]]:
     angle, shift = 0.7, np.array([300.0, -200.0, 50.0])
-    packed = [exact(turned(s, angle, shift)) for s in scenarios("generated")]
-    other = bank_of(packed)
+    other = bank_of([exact(turned(s, angle, shift)) for s in scenarios("generated")])
 
     def moved(motion: Motion) -> Motion:
         yaw = np.asarray(motion.yaw) + angle
@@ -347,5 +345,5 @@ def assert_kept(change: str, name: str, tolerance: float) -> None:
         before = sample.measures[name]
         np.testing.assert_array_equal(after[name].valid, before.valid)
         valid = np.asarray(before.valid)
-        change_of_value = np.asarray(after[name].value - before.value)
-        np.testing.assert_allclose(change_of_value[valid], 0, atol=tolerance)
+        difference = np.asarray(after[name].value - before.value)[valid]
+        np.testing.assert_allclose(difference, 0, atol=tolerance)

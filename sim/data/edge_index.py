@@ -16,9 +16,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 BLOCK = 4  # segments
 MAX_BLOCKS = 8  # of a leaf
+MAX_VERTICES = BLOCK * 2**16  # blocks have numbers of 16 bits
 ROOT_CELL = 32.0  # metres
 NUM_LEVELS = 6  # cells of 32, 16, 8, 4, 2 and 1 m
 MARGIN = 8.0  # metres around the edges that the grid covers
+PAIRS_AT_ONCE = 2**18  # of cell and block, at some 100 bytes each
 FAR = 25.0  # cells all of whose points are farther from the edges [m] are not split
 HEIGHT_BELOW = 1.0  # metres under the lowest candidate edge of a cell, and
 HEIGHT_ABOVE = 3.0  # metres over the highest, between which the answer is exact
@@ -171,11 +173,18 @@ class _Blocks:
             self, start=self.start * [1, 1, 0], along=self.along * [1, 1, 0]
         )
         point = np.concatenate([centre, np.zeros((len(centre), 1))], axis=1)
-        distance = flat.distance(point[:, None], np.arange(len(self.exists)))
-        nearest = distance.min(axis=1, keepdims=True)
         relief = np.ptp(self.heights[self.exists.any(axis=1)])
-        reach = _reach(nearest, size, HEIGHT_WEIGHT**2 * (relief + HEIGHT_ABOVE) ** 2)
-        return np.nonzero(distance <= np.where(relief > 0, reach, nearest + 2 * size))
+        slack = (HEIGHT_WEIGHT * (relief + HEIGHT_ABOVE)) ** 2 if relief > 0 else 0.0
+        block = np.arange(len(self.exists))
+        pairs = []
+        rows = max(1, PAIRS_AT_ONCE // len(block))
+        for first in range(0, len(point), rows):
+            distance = flat.distance(point[first : first + rows, None], block)
+            nearest = distance.min(axis=1, keepdims=True)
+            cell, near = np.nonzero(distance <= _reach(nearest, size, slack))
+            pairs.append((first + cell, near))
+        cells, blocks = zip(*pairs, strict=True)
+        return np.concatenate(cells), np.concatenate(blocks)
 
     def prune(self, centre, cell, block, size):
         """Drops the pairs of cell and block in which the block can never be nearest.

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 import grain
 
+from ..scenario import ScenarioError
 from . import build as readers, store, synthetic
 from .base import BadRecord
 from .pack import PackConfig, Packed, pack
@@ -84,16 +85,44 @@ def _open(source: Source) -> tuple[Iterator[Packed], int | None, list[BadRecord]
     """Returns scenarios, their number if known, and a list that bad records join."""
     bad: list[BadRecord] = []
     path = pathlib.Path(source.path)
+    config = PackConfig(quantize=source.quantize)
     if source.path.startswith(f"{SYNTHETIC}:"):
         seeds = synthetic_seeds(source.path)
-        packed = (
-            pack(synthetic.generate(seed), PackConfig(quantize=source.quantize))
-            for seed in seeds
-        )
-        return packed, len(seeds), bad
+        return (pack(synthetic.generate(s), config) for s in seeds), len(seeds), bad
     if path.is_dir():
-        return _read_store(path)
-    return _read_files(source, bad), None, bad
+        records: Any = store.Records(path)
+        dataset = grain.MapDataset.source(records).to_iter_dataset()
+        return iter(dataset), len(records), bad
+    return _read_files(matching_files(source.path), config, bad), None, bad
+
+
+def _read_files(
+    files: list[pathlib.Path], config: PackConfig, bad: list[BadRecord]
+) -> Iterator[Packed]:
+    for path in files:
+        for record in packed_records(path, config):
+            if isinstance(record, BadRecord):
+                bad.append(record)
+            else:
+                yield record
+
+
+def packed_records(
+    path: pathlib.Path, config: PackConfig
+) -> Iterator[Packed | BadRecord]:
+    """Yields the records of a file packed, or why they cannot be used.
+
+    Raises:
+        OSError: if the file cannot be opened.
+    """
+    for index, record in enumerate(readers.read(path)):
+        if isinstance(record, BadRecord):
+            yield record
+            continue
+        try:
+            yield pack(record, config)
+        except ScenarioError as error:
+            yield BadRecord(path=path, record_index=index, reason=str(error))
 
 
 def synthetic_seeds(text: str) -> range:
@@ -114,15 +143,6 @@ def synthetic_seeds(text: str) -> range:
     return range(first, first + count)
 
 
-def _read_store(
-    path: pathlib.Path,
-) -> tuple[Iterator[Packed], int | None, list[BadRecord]]:
-    shards = [str(shard) for shard in store.shard_paths(path)]
-    records: Any = grain.sources.ArrayRecordDataSource(shards)
-    dataset = grain.MapDataset.source(records).map(store.decode)
-    return iter(dataset.to_iter_dataset()), len(records), []
-
-
 def matching_files(pattern: str) -> list[pathlib.Path]:
     """Returns the files of a name or pattern, sorted.
 
@@ -139,13 +159,3 @@ def matching_files(pattern: str) -> list[pathlib.Path]:
             "a file, a quoted pattern of files, or synthetic:FIRST:COUNT"
         )
     return files
-
-
-def _read_files(source: Source, bad: list[BadRecord]) -> Iterator[Packed]:
-    config = PackConfig(quantize=source.quantize)
-    for path in matching_files(source.path):
-        for record in readers.read(path):
-            if isinstance(record, BadRecord):
-                bad.append(record)
-            else:
-                yield pack(record, config)

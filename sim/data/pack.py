@@ -10,7 +10,15 @@ import dataclasses
 import numpy as np
 from jaxtyping import Bool, Float, Integer
 
-from ..scenario import EDGES, Paths, Polylines, Scenario, Tracks
+from ..scenario import (
+    EDGES,
+    Lights,
+    Paths,
+    Polylines,
+    Scenario,
+    ScenarioError,
+    Tracks,
+)
 from . import edge_index, routes
 from .simplify import kept_points
 
@@ -78,18 +86,28 @@ class Packed:
 
 
 def pack(scenario: Scenario, config: PackConfig) -> Packed:
-    """Packs a scenario that passed `scenario.check`; finds its paths if it has none."""
+    """Packs a scenario that passed `scenario.check`; finds its paths if it has none.
+
+    Raises:
+        ScenarioError: if it has more road edges than the index can number.
+    """
     paths = routes.paths_of(scenario)
     tracks, origin = scenario.tracks, scenario.origin
+    lights = _seen_lights(scenario.lights)
     order = _object_order(tracks, scenario.ego_index)
     valid = tracks.valid[order]
-    centre, quantum = _coordinates(scenario, paths, config.quantize)
+    centre, quantum = _coordinates(scenario, lights, paths, config.quantize)
     scale = _Scale(origin + centre, quantum, config.quantize)
 
     vertices, tag = _map(scenario.roads, scale, config)
     num_edge_vertices = int(np.isin(tag & (JOINED - 1), EDGES).sum())
     edges = scale.decode(vertices[:num_edge_vertices]) - origin
     joined = tag[:num_edge_vertices] >= JOINED
+    if len(edges) > edge_index.MAX_VERTICES:
+        raise ScenarioError(
+            f"{len(edges):,} vertices of road edges, at most "
+            f"{edge_index.MAX_VERTICES:,} fit; cut the map"
+        )
     index = edge_index.build(edges, joined)
     path_vertices, path_offset = _paths(paths, scale, config)
     arc, log_arc = _arc_lengths(
@@ -122,10 +140,8 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
         index_nodes=index.nodes,
         index_blocks=index.blocks.astype(np.uint16),
         num_index_dropped=index.num_dropped,
-        light_xyz=scale.encode(scenario.lights.xyz),
-        light_state=(
-            scenario.lights.state + LIGHT_VALID * scenario.lights.valid
-        ).astype(np.uint8),
+        light_xyz=scale.encode(lights.xyz),
+        light_state=(lights.state + LIGHT_VALID * lights.valid).astype(np.uint8),
         path_vertices=path_vertices[:, :2],
         path_arc=arc.astype(np.float32),
         path_offset=path_offset.astype(np.int32),
@@ -152,7 +168,18 @@ class _Scale:
         return self.centre + self.quantum * stored.astype(np.float64)
 
 
-def _coordinates(scenario: Scenario, paths: Paths, quantize: bool):
+def _seen_lights(lights: Lights) -> Lights:
+    """Leaves out lights that were never seen: they have no place."""
+    seen = lights.valid.any(axis=1)
+    return Lights(
+        lane_id=lights.lane_id[seen],
+        xyz=lights.xyz[seen],
+        state=lights.state[seen],
+        valid=lights.valid[seen],
+    )
+
+
+def _coordinates(scenario: Scenario, lights: Lights, paths: Paths, quantize: bool):
     """Returns the centre of all coordinates and the quantum that makes them fit."""
     if not quantize:
         return np.zeros(3), 1.0
@@ -160,7 +187,7 @@ def _coordinates(scenario: Scenario, paths: Paths, quantize: bool):
         [
             scenario.tracks.xyz[scenario.tracks.valid],
             scenario.roads.xyz,
-            scenario.lights.xyz,
+            lights.xyz,
             paths.xyz,
         ]
     )
@@ -219,13 +246,13 @@ def _map(roads: Polylines, scale: _Scale, config: PackConfig):
         [every[roads.offset[i] : roads.offset[i + 1]] for i in features]
     )
     feature = np.repeat(np.arange(len(features)), lengths[features])
-    stored = scale.encode(roads.xyz[points])
-    repeats = np.append(False, (feature[1:] == feature[:-1]) & _same(stored))
-    points, feature, stored = points[~repeats], feature[~repeats], stored[~repeats]
     if config.quantize:
         offset = np.searchsorted(feature, np.arange(len(features) + 1))
         kept = kept_points(roads.xyz[points], offset, config.simplify)
-        feature, stored = feature[kept], stored[kept]
+        points, feature = points[kept], feature[kept]
+    stored = scale.encode(roads.xyz[points])
+    repeats = np.append(False, (feature[1:] == feature[:-1]) & _same(stored))
+    feature, stored = feature[~repeats], stored[~repeats]
     joined = np.append(feature[1:] == feature[:-1], False)
     tag = roads.map_type[features][feature] + JOINED * joined
     return stored, tag.astype(np.uint8)

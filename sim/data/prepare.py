@@ -9,9 +9,9 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from . import build as readers, store
+from . import loader, store
 from .base import BadRecord
-from .pack import PackConfig, Packed, pack
+from .pack import PackConfig, Packed
 
 SHARD_BYTES = 2**26  # of input files per shard; a larger file makes a shard of its own
 PLAN = "plan.json"
@@ -64,6 +64,11 @@ def prepare(
     try:
         shards = _shards(files, out, config, strict, tick)
         bad = [record for shard in shards for record in shard["bad"]]
+        if strict and bad:
+            record = bad[0]
+            raise RecordError(
+                f"{record['file']}, record {record['record']}: {record['reason']}"
+            )
         entries = [entry for shard in shards for entry in shard["scenarios"]]
         if not entries:
             first = bad[0] if bad else {"file": files[0], "reason": "it has no record"}
@@ -72,7 +77,8 @@ def prepare(
                 f"is of {first['file']}: {first['reason']}"
             )
     except RecordError:
-        _clear(out)
+        if not store.is_store(out):
+            _clear(out)
         raise
     counts = Counter(entry["scenario_id"] for entry in entries)
     store.write_json(
@@ -138,10 +144,9 @@ def _shards(files, out, config, strict, tick) -> list[dict[str, Any]]:
     for number, group in enumerate(_groups(files)):
         path = out / f"shard-{number:05d}.array_record"
         listing = path.with_suffix(".json")
-        continued = listing.is_file() and path.is_file()
-        if continued:
-            shard = json.loads(listing.read_text())
-        else:
+        shard = _finished(path, listing)
+        continued = shard is not None
+        if shard is None:
             progress = functools.partial(_add, tick, num_files, num_scenarios)
             shard = _write_shard(path, group, config, strict, progress)
             store.write_json(listing, shard)
@@ -150,6 +155,14 @@ def _shards(files, out, config, strict, tick) -> list[dict[str, Any]]:
         num_scenarios += len(shard["scenarios"])
         tick(num_files, num_scenarios)
     return shards
+
+
+def _finished(path, listing) -> dict[str, Any] | None:
+    """Returns the list of a shard that an earlier run finished, if it is whole."""
+    if not (listing.is_file() and path.is_file()):
+        return None
+    shard = json.loads(listing.read_text())
+    return shard if shard["sha256"] == store.file_digest(path) else None
 
 
 def _add(tick, files_before, scenarios_before, num_files, num_scenarios) -> None:
@@ -162,13 +175,14 @@ def _write_shard(path, group, config, strict, tick) -> dict[str, Any]:
 
     def scenarios() -> Iterator[Packed]:
         for number, file in enumerate(group):
-            for record in readers.read(file):
+            for record in loader.packed_records(file, config):
                 if isinstance(record, BadRecord):
-                    bad.append(_bad_entry(record, strict))
+                    if strict:
+                        raise RecordError(str(record))
+                    bad.append(_bad_entry(record))
                 else:
-                    packed = pack(record, config)
-                    entries.append(_entry(packed))
-                    yield packed
+                    entries.append(_entry(record))
+                    yield record
                 tick(number, len(entries))
 
     digest = store.write_shard(path, scenarios())
@@ -182,9 +196,7 @@ def _clear(out: pathlib.Path) -> None:
     out.rmdir()
 
 
-def _bad_entry(record: BadRecord, strict: bool) -> dict[str, Any]:
-    if strict:
-        raise RecordError(str(record))
+def _bad_entry(record: BadRecord) -> dict[str, Any]:
     index = record.record_index
     return {"file": str(record.path), "record": index, "reason": record.reason}
 

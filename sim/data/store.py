@@ -5,6 +5,7 @@ A store is a folder with `manifest.json` and, per shard, `shard-00000.array_reco
 a store that can be opened is whole.
 """
 
+import contextlib
 import dataclasses
 import hashlib
 import json
@@ -13,6 +14,7 @@ import pathlib
 from collections.abc import Iterable, Iterator
 from typing import Any
 
+import grain
 import msgpack
 import numpy as np
 from array_record.python import array_record_module  # pyright: ignore
@@ -47,7 +49,7 @@ def decode(record: bytes) -> Packed:
     try:
         fields = msgpack.unpackb(record)
         return Packed(**{name: _decode_value(fields[name]) for name in fields})
-    except (ValueError, TypeError, KeyError, msgpack.UnpackException) as error:
+    except (ValueError, TypeError, LookupError, msgpack.UnpackException) as error:
         raise StoreError(
             f"a record is no packed scenario of this version ({error}); "
             "make the store anew with 'drivetrain prepare'"
@@ -124,7 +126,7 @@ def read_manifest(path: pathlib.Path) -> dict[str, Any]:
     try:
         manifest = json.loads((path / MANIFEST).read_text())
         version = manifest["format_version"]
-        names = [shard["name"] for shard in manifest["shards"]]
+        names = [pathlib.PurePath(shard["name"]) for shard in manifest["shards"]]
     except (ValueError, KeyError, TypeError) as error:
         raise StoreError(
             f"'{path / MANIFEST}' is damaged ({error}); delete it and run prepare again"
@@ -135,7 +137,7 @@ def read_manifest(path: pathlib.Path) -> dict[str, Any]:
             f"{FORMAT_VERSION}; make it anew with 'drivetrain prepare'"
         )
     for name in names:
-        if pathlib.PurePath(name).name != name or not (path / name).is_file():
+        if name.name != str(name) or not (path / name).is_file():
             raise StoreError(
                 f"shard '{name}' of the store '{path}' is missing; "
                 "run prepare again with the same files"
@@ -153,6 +155,49 @@ def shard_paths(path: pathlib.Path) -> list[pathlib.Path]:
     return [path / shard["name"] for shard in read_manifest(path)["shards"]]
 
 
+class Records:
+    """The records of a store, by number, for a random access loader."""
+
+    def __init__(self, path: pathlib.Path):
+        """Opens a store.
+
+        Raises:
+            FileNotFoundError: if there is no finished store.
+            StoreError: if the store is damaged.
+        """
+        self._path = path
+        names = [str(shard) for shard in shard_paths(path)]
+        with self._named():
+            self._source: Any = grain.sources.ArrayRecordDataSource(names)
+            self._length = len(self._source)
+
+    def __len__(self) -> int:
+        return self._length
+
+    def __getitem__(self, number: int) -> Packed:
+        with self._named():
+            record = self._source[number]
+        return decode(record)
+
+    @contextlib.contextmanager
+    def _named(self) -> Iterator[None]:
+        try:
+            yield
+        except (RuntimeError, OSError) as error:
+            raise StoreError(
+                f"{_damaged_shard(self._path)} of the store '{self._path}' is damaged "
+                f"({error}); delete it and run prepare again with the same files"
+            ) from error
+
+
+def _damaged_shard(path: pathlib.Path) -> str:
+    """Returns the name of the first shard that is not what was written."""
+    for shard in read_manifest(path)["shards"]:
+        if file_digest(path / shard["name"]) != shard["sha256"]:
+            return f"shard '{shard['name']}'"
+    return "a shard"
+
+
 def read(path: pathlib.Path) -> Iterator[Packed]:
     """Yields the scenarios of a store in order.
 
@@ -160,8 +205,6 @@ def read(path: pathlib.Path) -> Iterator[Packed]:
         FileNotFoundError: if there is no finished store.
         StoreError: if the store is damaged.
     """
-    for shard in shard_paths(path):
-        reader = array_record_module.ArrayRecordReader(str(shard))
-        for i in range(reader.num_records()):
-            yield decode(reader.read([i])[0])
-        reader.close()
+    records = Records(path)
+    for number in range(len(records)):
+        yield records[number]

@@ -6,10 +6,13 @@ Without errors and their correction a log would not show how to get back to the 
 import numpy as np
 from jaxtyping import Float
 
+from .synthetic_experts import DT
+
 SWERVES_PER_STEP = 0.03
 SWERVE_STEPS = 5
 SWERVE_CURVATURE = 0.025  # 1 / metres, standard deviation
 MAX_SWERVE = 0.05  # 1 / metres
+MAX_ACCELERATION = 2.0  # metres per second squared aside, in a swerve
 STIFFNESS = 0.15  # 1 / metres: errors die out over some 7 m
 START = (0.08, 0.01)  # standard deviations of the error [m] and its slope at first
 
@@ -31,8 +34,11 @@ def steer(
     distance = np.diff(station, axis=1)
     begins = generator.uniform(size=(num_drivers, num_steps)) < SWERVES_PER_STEP
     size = generator.normal(0.0, SWERVE_CURVATURE, (num_drivers, num_steps))
-    size = np.clip(size, -MAX_SWERVE, MAX_SWERVE) * begins
+    size *= begins
     swerve = np.sum([np.roll(size, i, axis=1) for i in range(SWERVE_STEPS)], axis=0)
+    speed = np.maximum(distance, 1e-3) / DT
+    limit = np.minimum(MAX_SWERVE, MAX_ACCELERATION / speed**2)
+    swerve = np.clip(swerve[:, :-1], -limit, limit)
 
     left = np.zeros((num_drivers, num_steps))
     slope = np.zeros((num_drivers, num_steps))

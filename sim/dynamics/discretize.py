@@ -16,21 +16,26 @@ def to_index(
 
     The first feature is the slowest. Values beyond the bounds go to the outermost bin.
     """
-    low, high = jnp.array(spec.low), jnp.array(spec.high)
-    last_bin = jnp.array(bins) - 1
-    position = (action - low) / (high - low) * last_bin
-    nearest = jnp.clip(jnp.round(position), 0, last_bin).astype(jnp.int32)
-    strides = jnp.array([math.prod(bins[i + 1 :]) for i in range(len(bins))])
-    return jnp.sum(nearest * strides, axis=-1)
+    index = jnp.zeros(action.shape[:-1], jnp.int32)
+    for i, (low, high, count) in enumerate(zip(spec.low, spec.high, bins, strict=True)):
+        position = (action[..., i] - low) / (high - low) * (count - 1)
+        nearest = jnp.clip(jnp.round(position), 0, count - 1).astype(jnp.int32)
+        index = index * count + nearest
+    return index
 
 
 def to_action(
     index: Int[Array, "*objects"], spec: Continuous, bins: tuple[int, ...]
 ) -> Float[Array, "*objects features"]:
     """Returns the grid point of a number."""
-    low, high = jnp.array(spec.low), jnp.array(spec.high)
-    nearest = jnp.stack(jnp.unravel_index(index, bins), axis=-1)
-    return low + nearest * ((high - low) / (jnp.array(bins) - 1))
+    nearest = jnp.unravel_index(index, bins)
+    features = [
+        low + number * ((high - low) / (count - 1))
+        for low, high, count, number in zip(
+            spec.low, spec.high, bins, nearest, strict=True
+        )
+    ]
+    return jnp.stack(features, axis=-1)
 
 
 def discretize(dynamics: Dynamics, bins: tuple[int, ...]) -> Dynamics:

@@ -42,7 +42,7 @@ def locate(paths: PathSegments, xy: Float[Array, " 2"]) -> RoutePosition:
         arc=paths.arc[nearest] + share[nearest] * geometry.norm(along[nearest]),
         log_arc=paths.log_arc[nearest],
         path=path,
-        distance=on_route[nearest],
+        distance=jnp.min(on_route),
         off_route_distance=jnp.min(others),
     )
 

@@ -242,7 +242,7 @@ def test_where_no_lane_follows_the_log_its_track_is_on_route() -> None:
 
 def test_paths_of_the_record_are_kept() -> None:
     scenario = routes.with_paths(scenario_of(FORK, straight(5, 75), FORK_LINKS))
-    assert routes.with_paths(scenario) is scenario
+    assert routes.with_paths(scenario).paths is scenario.paths
 
 
 def test_a_way_into_the_lane_is_added_behind_its_first_point() -> None:

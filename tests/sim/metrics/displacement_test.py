@@ -32,6 +32,15 @@ def test_displacements_are_those_of_the_oracle(kind: str) -> None:
         )
 
 
+def test_where_the_log_has_nobody_there_is_no_displacement() -> None:
+    moment = worlds.samples("generated")[0].moment
+    nobody = jnp.zeros_like(moment.logged.valid)
+    gone = worlds.filled(moment.logged.replace(valid=nobody), 3.0)
+    measured = worlds.measure(moment.replace(logged=gone))["log_displacement"]
+    assert not np.any(measured.valid)
+    np.testing.assert_array_equal(measured.value, 0)
+
+
 def test_the_gradient_is_finite_on_the_log_and_without_one() -> None:
     moment = worlds.samples("generated")[0].moment
     on_log = moment.replace(after=moment.logged)

@@ -10,9 +10,6 @@ from drivetrain.sim.scenario import Scenario
 from tests import worlds
 from tests.oracles import routes as oracle
 
-# The ratio of a log that gets a metre along its way carries errors of positions whole.
-RATIO_ROUNDING = worlds.ROUNDING
-
 
 def ego_log(scenario: Scenario) -> tuple[np.ndarray, np.ndarray]:
     """Returns the logged positions of the ego, and where they mean something."""
@@ -38,7 +35,11 @@ def test_progress_is_that_of_the_oracle(kind: str) -> None:
             )
             for place in places(moment)
         ]
-        low, high = min(ratios) - RATIO_ROUNDING, max(ratios) + RATIO_ROUNDING
+        # An error of position is divided by how far the log got.
+        log_xy, log_valid = ego_log(scenario)
+        ends = log_xy[log_valid][[0, -1]]
+        slack = worlds.ROUNDING / max(1.0, float(np.linalg.norm(ends[1] - ends[0])))
+        low, high = min(ratios) - slack, max(ratios) + slack
         assert measures["progress"].valid
         assert low <= measures["progress"].value <= high
 
@@ -53,6 +54,18 @@ def test_leaving_the_route_is_that_of_the_oracle(kind: str) -> None:
         assert verdict in [verdict for verdict, _ in answers]
         distance = float(measures["route_distance"].value)
         assert distance == pytest.approx(answers[0][1], abs=worlds.ROUNDING)
+
+
+@pytest.mark.parametrize("index", range(3))
+def test_the_route_is_left_where_the_oracle_says(index: int) -> None:
+    scenario, moment, _ = worlds.samples("generated")[3 * index]
+    assert scenario.paths is not None
+    paths, on_route = worlds.paths_of(scenario), scenario.paths.on_route
+    for offset in np.float32(np.arange(-9, 9, 0.37)):
+        xyz = moment.logged.xyz.at[0, :2].add(offset)
+        moved = moment.replace(after=moment.logged.replace(xyz=xyz))
+        verdict, _ = oracle.off_route(np.float64(xyz[0, :2]), paths, on_route)
+        assert bool(worlds.measure(moved)["offroute"].value > 0) is verdict
 
 
 def test_the_samples_leave_the_route_and_keep_to_it() -> None:
