@@ -11,7 +11,7 @@ demo: $(READY)
 	$(BIN)/drivetrain demo
 
 test: $(READY)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -29,7 +29,7 @@ Dynamics = Literal[
     "delta", "delta_global", "delta_discrete", "bicycle", "bicycle_discrete"
 ]
 SimAgent = Literal["playback", "constant_speed", "idm"]
-UNSEEN = "synthetic:1000000:256"  # generated scenarios that no config trains on
+UNSEEN = "synthetic:2000000:256"  # generated scenarios that nothing trains on
 
 
 def prepare(

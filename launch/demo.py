@@ -21,7 +21,7 @@ from .evaluate import Player
 from .experiment import Experiment
 from .train import CONFIG, train
 
-UNSEEN = "synthetic:1000000:128"  # seeds that the demo does not train on
+UNSEEN = "synthetic:2000000:128"  # neither trained on nor tuned on
 RULES = ("expert", "coast", "constant_speed")
 SIM_AGENT = "playback"
 NUM_PICTURES = 3
@@ -30,7 +30,7 @@ NUM_PICTURES = 3
 def demo(out: pathlib.Path, seed: int) -> None:
     """Trains `configs/demo.yaml` and evaluates it beside rules.
 
-    Writes the run to `out`, with `table.json` and `report.html`.
+    Writes the run to `out`, with `table.json`, `rollouts.png` and `report.html`.
 
     Args:
         out: the folder of the run.
@@ -52,6 +52,8 @@ def demo(out: pathlib.Path, seed: int) -> None:
     tables.show(rows, f"{len(loaded.scenarios)} generated scenarios not trained on")
     tables.write_json(out / "table.json", rows)
 
+    drawn = _panels(players[-1], loaded, seed)
+    (out / "rollouts.png").write_bytes(_png([panel for panel, _ in drawn]))
     report.write(
         out / "report.html",
         report.Report(
@@ -60,7 +62,10 @@ def demo(out: pathlib.Path, seed: int) -> None:
             f"for {experiment.updates:,} updates with seed {seed}, plays {UNSEEN}.",
             rows=rows,
             curves=[_learning_curve(out)],
-            pictures=_pictures(players[-1], loaded, seed),
+            pictures=[
+                report.Picture(png=_png([panel]), caption=caption)
+                for panel, caption in drawn
+            ],
             config=(out / CONFIG).read_text(),
             facts=report.environment(),
         ),
@@ -84,8 +89,10 @@ def _learning_curve(folder: pathlib.Path) -> report.Curve:
     )
 
 
-def _pictures(player: Player, loaded: Loaded, seed: int) -> Sequence[report.Picture]:
-    """Draws the first scenarios, as they are at the end of the log."""
+def _panels(
+    player: Player, loaded: Loaded, seed: int
+) -> list[tuple[pictures.Panel, str]]:
+    """Returns the first scenarios at the end of the log, each with its caption."""
     numbers = list(range(NUM_PICTURES))
     drawn = []
     for packed, recording in dump.recordings(player, loaded, seed, numbers):
@@ -96,9 +103,12 @@ def _pictures(player: Player, loaded: Loaded, seed: int) -> Sequence[report.Pict
             trajectory=_trajectory(scenario, packed, recording),
             step=scenario.num_steps - 1,
         )
-        png = pictures.to_png(pictures.figure([panel]))
-        drawn.append(report.Picture(png=png, caption=_caption(packed, recording)))
+        drawn.append((panel, _caption(packed, recording)))
     return drawn
+
+
+def _png(panels: Sequence[pictures.Panel]) -> bytes:
+    return pictures.to_png(pictures.figure(panels))
 
 
 def _trajectory(scenario: Scenario, packed: Packed, recording: Recording) -> Trajectory:

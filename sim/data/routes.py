@@ -5,13 +5,13 @@ Readers hand over scenarios without paths; route metrics and observations use th
 
 import dataclasses
 import heapq
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
-from ..scenario import DRIVING_LANES, LaneLinks, Paths, Polylines, Scenario
+from ..scenario import Paths, Scenario
+from .lane_graph import LaneGraph, lane_graph, stations
 
 SPACING = 0.5  # metres between the points of a path
 BEYOND = 30.0  # metres that a path goes on after the logged distance, if lanes do
@@ -19,11 +19,7 @@ MAX_PATHS = 32
 MAX_EXPANSIONS = 1000  # lanes looked at in one search, so that cycles end
 START_DISTANCE = 5.0  # metres from the ego's start to its lanes, at most
 START_COSINE = np.cos(np.radians(60.0))  # the lane's direction against the ego's yaw
-JOIN_DISTANCE = 1.0  # metres between the ends of lanes that follow each other
-JOIN_COSINE = np.cos(np.radians(30.0))
-FOLLOW_DISTANCE = (
-    4.0  # metres beside the log: one lane, so that a change stays on route
-)
+FOLLOW_DISTANCE = 4.0  # metres beside the log: a change of lane stays on route
 FOLLOW_SHARE = 0.9  # of the logged way
 CHANGE_LENGTH = 10.0  # metres along the road that a lane change takes
 CHANGE_PENALTY = 1.0  # metres nearer to the log that a neighbour lane must be
@@ -40,18 +36,6 @@ class _Branch(NamedTuple):
     point: int  # where it enters the lane
     pieces: tuple[tuple[int, int], ...]  # first and last points before that
     is_change: bool
-
-
-@dataclasses.dataclass(frozen=True)
-class _LaneGraph:
-    """Driving lanes laid end to end; lane i has the points `first[i]` to `last[i]`."""
-
-    xyz: Float[np.ndarray, "points 3"]
-    station: Float[np.ndarray, " points"]  # metres, differences hold within a lane
-    first: list[int]
-    last: list[int]
-    successors: dict[int, list[int]]
-    neighbors: dict[int, list[int]]
 
 
 def with_paths(scenario: Scenario) -> Scenario:
@@ -89,9 +73,9 @@ def paths_of(scenario: Scenario) -> Paths:
     track = _spaced(logged)
     straight = np.array([np.cos(yaw[-1]), np.sin(yaw[-1]), 0.0])
     track_on = np.concatenate([track, track[-1:] + BEYOND * straight])
-    length = _stations(track)[-1] + BEYOND
+    length = stations(track)[-1] + BEYOND
 
-    graph = _lane_graph(scenario.roads, scenario.lane_links)
+    graph = lane_graph(scenario.roads, scenario.lane_links)
     starts = _starts(graph, logged[0], yaw[0])
     ways = _search(graph, starts, length, _resample(track_on, LOG_SPACING))
     found = _distinct([_path(graph, pieces, logged[0], length) for pieces in ways])
@@ -113,56 +97,8 @@ def paths_of(scenario: Scenario) -> Paths:
     )
 
 
-def _lane_graph(roads: Polylines, links: LaneLinks | None) -> _LaneGraph:
-    counts = np.diff(roads.offset)
-    is_lane = np.isin(roads.map_type, DRIVING_LANES) & (counts > 0)
-    xyz = roads.xyz[np.repeat(is_lane, counts)]
-    last = np.cumsum(counts[is_lane]) - 1
-    first = last - counts[is_lane] + 1
-
-    if links is None:
-        pairs, neighbors = _joined_ends(xyz, first, last), {}
-    else:
-        lane_of = {int(name): i for i, name in enumerate(roads.feature_id[is_lane])}
-        pairs = [
-            (lane_of[a], lane_of[b])
-            for a, b in links.successor.tolist()
-            if a in lane_of and b in lane_of
-        ]
-        neighbors = _grouped(
-            (lane_of[a], lane_of[b])
-            for a, b in links.neighbor.tolist()
-            if a in lane_of and b in lane_of
-        )
-    return _LaneGraph(
-        xyz=xyz,
-        station=_stations(xyz),
-        first=first.tolist(),
-        last=last.tolist(),
-        successors=_grouped(pairs),
-        neighbors=neighbors,
-    )
-
-
-def _joined_ends(
-    xyz: Float[np.ndarray, "points 3"],
-    first: Int[np.ndarray, " lanes"],
-    last: Int[np.ndarray, " lanes"],
-) -> list[tuple[int, int]]:
-    """Returns the pairs of lanes of which the first ends where the second begins."""
-    lanes = np.flatnonzero(last > first)
-    ends, starts = xyz[last[lanes]], xyz[first[lanes]]
-    end_direction = _unit(ends[:, :2] - xyz[last[lanes] - 1, :2])
-    start_direction = _unit(xyz[first[lanes] + 1, :2] - starts[:, :2])
-    gap = ends[:, None] - starts[None]
-    # In three dimensions: a bridge does not join the road under it.
-    a, b = np.nonzero(np.einsum("abi,abi->ab", gap, gap) <= JOIN_DISTANCE**2)
-    joined = np.sum(end_direction[a] * start_direction[b], axis=-1) >= JOIN_COSINE
-    return list(zip(lanes[a[joined]].tolist(), lanes[b[joined]].tolist(), strict=True))
-
-
 def _starts(
-    graph: _LaneGraph, position: Float[np.ndarray, " 3"], yaw: float
+    graph: LaneGraph, position: Float[np.ndarray, " 3"], yaw: float
 ) -> list[tuple[int, int]]:
     """Returns the lanes at the ego, nearest first, each with its point at or behind."""
     ends_lane = np.zeros(len(graph.xyz), bool)
@@ -184,7 +120,7 @@ def _starts(
 
 
 def _search(
-    graph: _LaneGraph,
+    graph: LaneGraph,
     starts: list[tuple[int, int]],
     length: float,
     log: Float[np.ndarray, "steps 3"],
@@ -223,7 +159,7 @@ def _search(
     return ways
 
 
-def _successors(graph: _LaneGraph, branch: _Branch, length: float) -> list[_Branch]:
+def _successors(graph: LaneGraph, branch: _Branch, length: float) -> list[_Branch]:
     """Returns the ways on from the lane's end, none where the way is long enough."""
     last = graph.last[branch.lane]
     reached = branch.length + graph.station[last] - graph.station[branch.point]
@@ -236,7 +172,7 @@ def _successors(graph: _LaneGraph, branch: _Branch, length: float) -> list[_Bran
     ]
 
 
-def _changes(graph: _LaneGraph, branch: _Branch) -> list[_Branch]:
+def _changes(graph: LaneGraph, branch: _Branch) -> list[_Branch]:
     """Returns the lane changes, each where the neighbour first runs beside the lane."""
     found = []
     here = graph.xyz[branch.point : graph.last[branch.lane] + 1, :2]
@@ -260,7 +196,7 @@ def _changes(graph: _LaneGraph, branch: _Branch) -> list[_Branch]:
     return found
 
 
-def _distance(graph: _LaneGraph, lane: int, log: Float[np.ndarray, "steps 3"]) -> float:
+def _distance(graph: LaneGraph, lane: int, log: Float[np.ndarray, "steps 3"]) -> float:
     """Returns how far the middle and the end of a lane are from the log, on average."""
     first, last = graph.first[lane], graph.last[lane]
     gap = graph.xyz[[(first + last) // 2, last], None, :2] - log[None, :, :2]
@@ -268,7 +204,7 @@ def _distance(graph: _LaneGraph, lane: int, log: Float[np.ndarray, "steps 3"]) -
 
 
 def _path(
-    graph: _LaneGraph,
+    graph: LaneGraph,
     pieces: tuple[tuple[int, int], ...],
     position: Float[np.ndarray, " 3"],
     length: float,
@@ -319,24 +255,6 @@ def _on_route(
     return result
 
 
-def _grouped(pairs: Iterable[tuple[int, int]]) -> dict[int, list[int]]:
-    groups: dict[int, list[int]] = {}
-    for a, b in pairs:
-        if b not in groups.setdefault(a, []):
-            groups[a].append(b)
-    return groups
-
-
-def _unit(vector: Float[np.ndarray, "lanes 2"]) -> Float[np.ndarray, "lanes 2"]:
-    return vector / np.maximum(np.hypot(vector[:, :1], vector[:, 1:]), 1e-9)
-
-
-def _stations(xyz: Float[np.ndarray, "points 3"]) -> Float[np.ndarray, " points"]:
-    """Returns the distance travelled in the plane up to each point."""
-    step = np.diff(xyz[:, :2], axis=0)
-    return np.append(0.0, np.cumsum(np.hypot(step[:, 0], step[:, 1])))[: len(xyz)]
-
-
 def _spaced(xyz: Float[np.ndarray, "steps 3"]) -> Float[np.ndarray, "points 3"]:
     """Keeps positions 0.5 m apart, so that the jitter of a parked car is no way."""
     kept = [xyz[0]]
@@ -350,6 +268,6 @@ def _resample(
     xyz: Float[np.ndarray, "points 3"], spacing: float, length: float = np.inf
 ) -> Float[np.ndarray, "samples 3"]:
     """Returns points that are `spacing` apart, up to `length` or the last that fits."""
-    station = _stations(xyz)
+    station = stations(xyz)
     samples = np.arange(0.0, min(station[-1], length) + 1e-9, spacing)
     return np.stack([np.interp(samples, station, xyz[:, i]) for i in range(3)], axis=-1)

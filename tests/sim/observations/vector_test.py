@@ -1,6 +1,7 @@
 """Tests of the vector observation against plain NumPy, and of what must not matter."""
 
 import functools
+import itertools
 
 import jax
 import jax.numpy as jnp
@@ -83,7 +84,7 @@ def test_the_road_shows_the_nearest_pieces_of_the_map(index: int) -> None:
     distances, is_edge = [], []
     for feature in range(scenario.roads.num_features):
         points = scenario.roads.points_of(feature)[:, :2]
-        for a, b in zip(points[:-1], points[1:], strict=True):
+        for a, b in itertools.pairwise(points):
             length = np.dot(b - a, b - a)
             if length == 0:
                 continue
