@@ -3,6 +3,7 @@
 import dataclasses
 import importlib.resources
 import pathlib
+from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
@@ -92,8 +93,8 @@ def _learning_curve(folder: pathlib.Path) -> report.Curve:
 def _panels(
     player: Player, loaded: Loaded, seed: int
 ) -> list[tuple[pictures.Panel, str]]:
-    """Returns the first scenarios at the end of the log, each with its caption."""
-    numbers = list(range(NUM_PICTURES))
+    """Returns some scenarios at the end of the log, each with its caption."""
+    numbers = _of_each_kind(loaded.scenarios)[:NUM_PICTURES]
     drawn = []
     for packed, recording in dump.recordings(player, loaded, seed, numbers):
         scenario = synthetic.generate(int(packed.scenario_id.split("-")[1]))
@@ -105,6 +106,17 @@ def _panels(
         )
         drawn.append((panel, _caption(packed, recording)))
     return drawn
+
+
+def _of_each_kind(scenarios: Sequence[Packed]) -> list[int]:
+    """Returns the numbers of the scenarios: the first of each kind, then the second."""
+    seen: Counter[str] = Counter()
+    turns = []
+    for number, packed in enumerate(scenarios):
+        kind = packed.scenario_id.split("-")[2]
+        turns.append((seen[kind], number))
+        seen[kind] += 1
+    return [number for _, number in sorted(turns)]
 
 
 def _png(panels: Sequence[pictures.Panel]) -> bytes:
