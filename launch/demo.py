@@ -83,7 +83,7 @@ def _experiment(seed: int) -> Experiment:
 def _learning_curve(folder: pathlib.Path) -> report.Curve:
     lines = logbook.read(folder)
     return report.Curve(
-        label="negative log-likelihood of the expert's action",
+        label="negative log-likelihood [nats]",
         steps=[line["step"] or 0 for line in lines],
         values=[line["loss"] for line in lines],
         step_label="updates",
