@@ -18,6 +18,7 @@ from ..sim.observations.vector import VectorConfig
 from . import tables
 from .banks import Loaded
 from .experiment import agent, environment, learner
+from .progress import progress
 from .train import CHECKPOINTS, load_run
 
 SIMPLE = VectorConfig(history=0, num_objects=1, num_road=1, num_lights=1)
@@ -79,7 +80,9 @@ def play(player: Player, loaded: Loaded, seed: int) -> dict[str, np.ndarray]:
     mesh = meshes.data_mesh()
     evaluate = compile_evaluator(player.env, player.driver_of, mesh)
     key = meshes.replicate(mesh, jax.random.key(seed))
-    episodes = evaluate(player.params, loaded.bank, key)
+    total = len(loaded.scenarios)
+    with progress(f"evaluating {player.name}", total, unit="scenarios") as line:
+        episodes = evaluate(player.params, loaded.bank, key, line.update)
     return {
         name: np.where(episodes.valid[name], value, np.nan)
         for name, value in episodes.value.items()

@@ -92,10 +92,8 @@ class ProgressLine:
         self.stop()
         seconds = self._clock() - self._began
         if self._bar is not None or self._last_line is not None:
-            rate = (self._done - self._start) / seconds
-            self._say(
-                f"{self._done:,} {self._unit} in {duration(seconds)}, {rate:,.0f}/s"
-            )
+            rate = _per_second((self._done - self._start) / seconds)
+            self._say(f"{self._done:,} {self._unit} in {duration(seconds)}, {rate}")
 
     def _status(self, note: str) -> str:
         (then, before), (now, done) = self._recent[0], self._recent[-1]
@@ -103,7 +101,7 @@ class ProgressLine:
         of_total = "" if self._total is None else f" of {self._total:,}"
         parts = [
             f"{done:,}{of_total} {self._unit}",
-            f"{rate:,.{0 if rate >= 10 else 1}f}/s",
+            _per_second(rate),
         ]
         if self._total is not None and rate > 0:
             parts.append(f"{duration((self._total - done) / rate)} left")
@@ -128,6 +126,10 @@ class ProgressLine:
             bar.start()
         status = self._status(note)
         bar.update(bar.task_ids[0], completed=self._done, status=status)
+
+
+def _per_second(rate: float) -> str:
+    return f"{rate:,.{0 if rate >= 10 else 1}f}/s"
 
 
 def duration(seconds: float) -> str:

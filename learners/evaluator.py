@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, PartitionSpec
-from jaxtyping import PRNGKeyArray, PyTree
+from jaxtyping import Array, PRNGKeyArray, PyTree
 
 from ..sim.data.bank import Bank
 from ..sim.env.base import Driver, Environment
@@ -16,8 +16,9 @@ from ..sim.metrics.aggregate import Episode
 from . import mesh as meshes
 
 BATCH = 16  # worlds that play side by side on a device
+CALL = 4 * BATCH  # worlds of a device in one call of the program
 
-Evaluator = Callable[[PyTree, Bank, PRNGKeyArray], Episode]
+Evaluator = Callable[[PyTree, Bank, PRNGKeyArray, Callable[[int], None]], Episode]
 
 
 def compile_evaluator(
@@ -32,11 +33,12 @@ def compile_evaluator(
 
     Returns:
         A function of the parameters (a copy on each device), the bank (sharded along a
-        leading axis of devices) and a key. It returns the figures of all episodes, as
-        NumPy arrays in the order in which `bank.build_shards` got the scenarios.
+        leading axis of devices), a key, and a function that is told how many scenarios
+        are done. It returns the figures of all episodes, as NumPy arrays in the order
+        in which `bank.build_shards` got the scenarios.
     """
 
-    def run(params: PyTree, bank: Bank, key: PRNGKeyArray) -> Episode:
+    def run(params: PyTree, bank: Bank, key: PRNGKeyArray, first: Array) -> Episode:
         local_bank = jax.tree.map(lambda leaf: leaf[0], bank)
         driver = driver_of(params)
 
@@ -46,8 +48,9 @@ def compile_evaluator(
             steps = rollout(env, driver, local_bank, index, episode_key)
             return aggregate.summarize(steps.measures)
 
-        numbers = jnp.arange(len(local_bank.num_steps))
-        episodes = jax.lax.map(play, numbers, batch_size=min(BATCH, len(numbers)))
+        count = min(CALL, len(local_bank.num_steps))
+        numbers = first + jnp.arange(count)
+        episodes = jax.lax.map(play, numbers, batch_size=min(BATCH, count))
         return jax.tree.map(lambda leaf: leaf[:, None], episodes)
 
     everywhere, by_device = PartitionSpec(), PartitionSpec(meshes.AXIS)
@@ -55,14 +58,26 @@ def compile_evaluator(
         jax.shard_map(
             run,
             mesh=mesh,
-            in_specs=(everywhere, by_device, everywhere),
+            in_specs=(everywhere, by_device, everywhere, everywhere),
             out_specs=PartitionSpec(None, meshes.AXIS),
         )
     )
 
-    def evaluate(params: PyTree, bank: Bank, key: PRNGKeyArray) -> Episode:
-        episodes = program(params, bank, key)
+    def evaluate(
+        params: PyTree,
+        bank: Bank,
+        key: PRNGKeyArray,
+        tick: Callable[[int], None] = lambda done: None,
+    ) -> Episode:
         total = int(np.sum(bank.num_scenarios))
-        return jax.tree.map(lambda leaf: np.asarray(leaf).reshape(-1)[:total], episodes)
+        calls = []
+        for first in range(0, bank.num_steps.shape[1], CALL):
+            start = meshes.replicate(mesh, jnp.int32(first))
+            calls.append(jax.device_get(program(params, bank, key, start)))
+            tick(min((first + CALL) * mesh.size, total))
+        # Number j of shard d is scenario j * num_shards + d.
+        return jax.tree.map(
+            lambda *leaves: np.concatenate(leaves).reshape(-1)[:total], *calls
+        )
 
     return evaluate
