@@ -33,7 +33,9 @@ UNSEEN = "synthetic:2000000:256"  # generated scenarios that nothing trains on
 
 
 def prepare(
-    paths: Annotated[tuple[str, ...], tyro.conf.Positional],
+    paths: Annotated[
+        tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILES… OUT")
+    ],
     /,
     simplify: float = PackConfig.simplify,
     quantize: bool = PackConfig.quantize,
@@ -93,8 +95,12 @@ def _print_summary(summary: preparing.Summary, out: pathlib.Path) -> None:
 
 
 def train(
-    config_file: Annotated[pathlib.Path, tyro.conf.Positional],
-    fields: Annotated[tuple[str, ...], tyro.conf.Positional] = (),
+    config_file: Annotated[
+        pathlib.Path, tyro.conf.Positional, tyro.conf.arg(metavar="CONFIG")
+    ],
+    fields: Annotated[
+        tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[FIELD=VALUE …]")
+    ] = (),
     /,
     out: pathlib.Path | None = None,
 ) -> None:
@@ -116,7 +122,7 @@ def train(
 
 
 def evaluate(
-    agent: Annotated[str, tyro.conf.Positional],
+    agent: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="AGENT")],
     /,
     data: str = UNSEEN,
     split: Split = "all",
