@@ -21,9 +21,16 @@ class Loaded:
     scenarios: Sequence[Packed]  # in the order in which they were dealt out
 
     @property
+    def num_devices(self) -> int:
+        """How many devices share the bank."""
+        return self.bank.num_scenarios.size
+
+    @property
     def one_shard(self) -> Bank:
-        """The bank of the first device."""
-        return jax.tree.map(lambda leaf: leaf[0], self.bank)
+        """The shapes of the bank of one device."""
+        return jax.tree.map(
+            lambda leaf: jax.ShapeDtypeStruct(leaf.shape[1:], leaf.dtype), self.bank
+        )
 
 
 def load(source: loader.Source, max_objects: int, mesh: Mesh) -> Loaded:
@@ -33,8 +40,10 @@ def load(source: loader.Source, max_objects: int, mesh: Mesh) -> Loaded:
         FileNotFoundError: if there is no such store or file.
         ValueError: if there is no usable scenario, or fewer than devices.
     """
-    with progress("loading", None, unit="scenarios") as line:
-        scenarios = loader.load(source, lambda done, total: line.update(done))
+    if max_objects < 1:
+        raise ValueError(f"max_objects must be at least 1, got {max_objects}.")
+    with progress("loading", loader.count(source), unit="scenarios") as line:
+        scenarios = loader.load(source, line.update)
     sizes = banks.Sizes.of(scenarios, max_objects)
     bank = banks.build_shards(scenarios, sizes, mesh.size)
     return Loaded(bank=meshes.shard(mesh, bank), scenarios=scenarios)
@@ -49,7 +58,7 @@ def describe(loaded: Loaded) -> str:
         for scenario in loaded.scenarios
     )
     line = (
-        f"{count:,} scenarios on {loaded.bank.num_scenarios.size} device(s), "
+        f"{count:,} scenarios on {loaded.num_devices} device(s), "
         f"{num_bytes / 1e6:,.1f} MB ({num_bytes / count / 1e3:,.1f} KB each)"
     )
     if capped:

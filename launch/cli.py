@@ -10,9 +10,11 @@ import tyro
 from rich import console as rich_console
 
 from ..learners import mesh as meshes
+from ..sim import files
 from ..sim.data import loader, prepare as preparing
 from ..sim.data.loader import Split
 from ..sim.data.pack import PackConfig
+from ..sim.env import drivers
 from . import (
     banks,
     config,
@@ -75,7 +77,7 @@ def prepare(
 
 
 def _print_summary(summary: preparing.Summary, out: pathlib.Path) -> None:
-    console = rich_console.Console(highlight=False, soft_wrap=True)
+    console = rich_console.Console(highlight=False, markup=False, soft_wrap=True)
     mean = summary.num_bytes / summary.num_scenarios / 1e3
     console.print(
         f"{summary.num_scenarios:,} scenarios in {summary.num_shards} shard(s) in "
@@ -87,6 +89,16 @@ def _print_summary(summary: preparing.Summary, out: pathlib.Path) -> None:
         console.print(f"  {count} x {reason}")
     for bad in summary.bad:
         console.print(f"  {bad['file']}, record {bad['record']}: {bad['reason']}")
+    if summary.num_coarse:
+        console.print(
+            f"{summary.num_coarse} scenario(s) are wider than 655 m and kept to more "
+            "than 1 cm; --no-quantize keeps float32"
+        )
+    if summary.num_index_dropped:
+        console.print(
+            f"{summary.num_index_dropped:,} candidates for the nearest road edge did "
+            "not fit into cells of 1 m; the nearest ones were kept"
+        )
     if summary.duplicates:
         console.print(
             f"{len(summary.duplicates)} scenario id(s) came more than once, for "
@@ -131,6 +143,7 @@ def evaluate(
     dynamics: Dynamics | None = None,
     max_objects: int = 128,
     max_scenarios: int | None = None,
+    quantize: bool = True,
     json: pathlib.Path | None = None,
     dump: pathlib.Path | None = None,
     seed: int = 0,
@@ -150,12 +163,20 @@ def evaluate(
             for a run.
         max_objects: how many objects of a scenario to keep, the most relevant ones.
         max_scenarios: how many scenarios to play at most.
+        quantize: pack files to 16-bit numbers; a store is as it was prepared.
         json: write the rows of the table to this file.
         dump: write what happened in each scenario to this folder, as .npz files.
         seed: of whatever is drawn.
     """
+    if not 0 <= seed < 2**32:
+        raise ValueError(f"seed must be from 0 to 2^32 - 1, got {seed}.")
+    if json is not None and json.is_dir():
+        raise ValueError(f"--json '{json}' is a folder; name a file in it.")
+    for out in (json, dump):
+        if out is not None:
+            files.require_writable(out)
     folder = pathlib.Path(agent)
-    is_run = folder.is_dir()
+    is_run = agent not in drivers.NAMES and folder.is_dir()
     if is_run:
         space = load_run(folder).dynamics
         if dynamics not in (None, space):
@@ -166,11 +187,15 @@ def evaluate(
     else:
         evaluating.rule(agent, dynamics or "bicycle", sim_agent)
     source = loader.Source(
-        path=data, split=split, test_share=test_share, max_scenarios=max_scenarios
+        path=data,
+        split=split,
+        test_share=test_share,
+        max_scenarios=max_scenarios,
+        quantize=quantize,
     )
     loaded = banks.load(source, max_objects, meshes.data_mesh())
     console = rich_console.Console(stderr=True)
-    console.print(banks.describe(loaded), highlight=False)
+    console.print(banks.describe(loaded), highlight=False, markup=False)
     if is_run:
         player = evaluating.trained(folder, sim_agent, loaded)
     else:
@@ -205,13 +230,17 @@ def main() -> None:
             description="Trains driving policies inside a simulator that runs on the "
             "accelerator.",
         )
-    except (ValueError, OSError) as error:
+    except (ValueError, OverflowError, OSError) as error:
         if os.environ.get("DRIVETRAIN_DEBUG"):
             raise
         print(f"drivetrain: {_sentence(error)}", file=sys.stderr)
         sys.exit(2)
     except KeyboardInterrupt:
-        print("drivetrain: stopped; the same command continues", file=sys.stderr)
+        print(
+            "drivetrain: stopped; prepare goes on from its last shard, train and demo "
+            "from their last checkpoint, when run again",
+            file=sys.stderr,
+        )
         sys.exit(130)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from rich import console as rich_console
 
 from ..learners import mesh as meshes
+from ..sim import files
 from ..sim.data import loader, synthetic
 from ..sim.data.pack import Packed
 from ..sim.env.recording import Recording
@@ -54,7 +55,7 @@ def demo(out: pathlib.Path, seed: int) -> None:
     tables.write_json(out / "table.json", rows)
 
     drawn = _panels(players[-1], loaded, seed)
-    (out / "rollouts.png").write_bytes(_png([panel for panel, _ in drawn]))
+    files.write_whole(out / "rollouts.png", _png([panel for panel, _ in drawn]))
     report.write(
         out / "report.html",
         report.Report(
@@ -129,6 +130,8 @@ def _trajectory(scenario: Scenario, packed: Packed, recording: Recording) -> Tra
     place = {object_id: i for i, object_id in enumerate(arrays["object_id"])}
     columns = np.array([place.get(i, -1) for i in scenario.tracks.object_id])
 
+    is_ego = np.arange(len(columns)) == scenario.ego_index
+
     def ordered(name: str) -> np.ndarray:
         return arrays[name][:, columns]
 
@@ -136,8 +139,8 @@ def _trajectory(scenario: Scenario, packed: Packed, recording: Recording) -> Tra
         xy=ordered("xy"),
         yaw=ordered("yaw"),
         valid=ordered("valid") & (columns >= 0),
-        collision=ordered("metric/collision") > 0,
-        offroad=ordered("metric/offroad") > 0,
+        collision=(ordered("metric/collision") > 0) & is_ego,
+        offroad=(ordered("metric/offroad") > 0) & is_ego,
     )
 
 
@@ -149,6 +152,7 @@ def _caption(packed: Packed, recording: Recording) -> str:
         for name, word in (("collision", "collides"), ("offroad", "leaves the road"))
         if (figures[name][:, 0] > 0).any()
     ]
-    mean = float(np.mean(figures["log_displacement"][:, 0]))
+    displacement = recording.measures["log_displacement"]
+    mean = float(displacement.value[after, 0][displacement.valid[after, 0]].mean())
     outcome = " and ".join(events) if events else "no collision, on the road"
     return f"{packed.scenario_id}: {outcome}; {mean:.1f} m from the log on average"

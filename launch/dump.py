@@ -1,7 +1,9 @@
 """Writes what happened in each scenario to an archive of arrays."""
 
+import io
 import pathlib
 import urllib.parse
+from collections import Counter
 from typing import Any
 
 import jax
@@ -9,28 +11,30 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import PyTree
 
+from ..sim import files
 from ..sim.data.bank import Bank
 from ..sim.data.pack import Packed
 from ..sim.env.recording import Recording, record
 from .banks import Loaded
 from .evaluate import Player
 
+MAX_NAME = 200  # characters of a file's name, of the 255 that file systems take
+
 
 def recordings(player: Player, loaded: Loaded, seed: int, numbers: list[int]):
     """Yields scenarios by number, each with its recording, cut to its own steps."""
 
     @jax.jit
-    def play(params: PyTree, bank: Bank, index, key) -> Recording:
-        return record(player.env, player.driver_of(params), bank, index, key)
+    def play(params: PyTree, bank: Bank, number) -> Recording:
+        place, shard = jnp.divmod(number, loaded.num_devices)
+        local_bank = jax.tree.map(lambda leaf: leaf[shard], bank)
+        key = jax.random.fold_in(jax.random.key(seed), number)
+        driver = player.driver_of(params)
+        return record(player.env, driver, local_bank, place, key)
 
-    num_shards = loaded.bank.num_scenarios.size
-    key = jax.random.key(seed)
     for number in numbers:
-        place, shard = divmod(number, num_shards)
-        bank = jax.tree.map(lambda leaf, shard=shard: leaf[shard], loaded.bank)
         scenario = loaded.scenarios[number]
-        episode_key = jax.random.fold_in(key, place)
-        recording = play(player.params, bank, jnp.int32(place), episode_key)
+        recording = play(player.params, loaded.bank, jnp.int32(number))
         yield scenario, _cut(jax.device_get(recording), scenario, loaded)
 
 
@@ -74,7 +78,7 @@ def arrays(scenario: Packed, recording: Recording) -> dict[str, np.ndarray]:
 
 
 def dump(player: Player, loaded: Loaded, seed: int, folder: pathlib.Path, tick) -> None:
-    """Writes one `.npz` per scenario, named by its id.
+    """Writes one `.npz` per scenario, named by its id; `.2` follows an id that repeats.
 
     Args:
         player: drives.
@@ -86,9 +90,15 @@ def dump(player: Player, loaded: Loaded, seed: int, folder: pathlib.Path, tick) 
     folder.mkdir(parents=True, exist_ok=True)
     numbers = list(range(len(loaded.scenarios)))
     played = recordings(player, loaded, seed, numbers)
+    seen: Counter[str] = Counter()
     for done, (scenario, recording) in enumerate(played, start=1):
         # Ids come from files: quoted, none can lead out of the folder.
-        name = urllib.parse.quote(scenario.scenario_id, safe=" ")
+        name = urllib.parse.quote(scenario.scenario_id, safe=" ")[:MAX_NAME]
+        seen[name] += 1
+        if seen[name] > 1:
+            name = f"{name}.{seen[name]}"
+        archive = io.BytesIO()
         values: dict[str, Any] = arrays(scenario, recording)
-        np.savez_compressed(folder / f"{name}.npz", **values)
+        np.savez_compressed(archive, **values)
+        files.write_whole(folder / f"{name}.npz", archive.getvalue())
         tick(done)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import jax
 import numpy as np
 from jaxtyping import PyTree
+from rich import console as rich_console
 
 from ..learners import acting, checkpoint, mesh as meshes
 from ..learners.evaluator import compile_evaluator
@@ -65,13 +66,17 @@ def trained(folder: pathlib.Path, sim_agent: str, loaded: Loaded) -> Player:
     made = agent(experiment, env, loaded.one_shard)
     mesh = meshes.data_mesh()
     like = initial_state(learner(experiment, made), mesh, jax.random.key(0))
-    state = checkpoint.Checkpoints(folder / CHECKPOINTS).restore(like).tree
+    restored = checkpoint.Checkpoints(folder / CHECKPOINTS).restore(like)
+    console = rich_console.Console(stderr=True)
+    console.print(
+        f"{folder} at update {restored.step:,}", highlight=False, markup=False
+    )
     return Player(
         name=folder.name,
         sim_agent=sim_agent,
         env=env,
         driver_of=acting.greedy(made, env),
-        params=state.params,
+        params=restored.tree.params,
     )
 
 

@@ -44,8 +44,8 @@ class Experiment:
         """Checks the counts.
 
         Raises:
-            ValueError: if a count is below 1, or calls do not add up to checkpoints and
-                these to the run.
+            ValueError: if a count is below 1, calls do not add up to checkpoints and
+                these to the run, or the seed does not fit.
         """
         for name in ("updates_per_call", "updates_per_checkpoint", "updates"):
             if getattr(self, name) < 1:
@@ -61,8 +61,8 @@ class Experiment:
                     f"{whole} must be a multiple of {part}, got {getattr(self, whole)} "
                     f"and {getattr(self, part)}."
                 )
-        if self.max_objects < 1:
-            raise ValueError(f"max_objects must be at least 1, got {self.max_objects}.")
+        if not 0 <= self.seed < 2**32:
+            raise ValueError(f"seed must be from 0 to 2^32 - 1, got {self.seed}.")
 
     @property
     def source(self) -> loader.Source:

@@ -19,7 +19,8 @@ import matplotlib
 import numpy as np
 from matplotlib import figure as mpl_figure, ticker
 
-from . import files, tables
+from ..sim import files
+from . import tables
 
 # Mid-tones that can be read on white and on black.
 CURVE_COLOR = "#3b82c4"

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Shaped
 from rich import box, cells, console as rich_console, table as rich_table, text
 
-from . import files
+from ..sim import files
 
 Row = dict[str, str | int | float | None]
 
@@ -178,7 +178,7 @@ def terminal(rows: Sequence[Row], title: str, width: int) -> rich_table.Table:
     """Makes the table for a terminal of a width in characters, at least 80."""
     is_wide = width >= WIDE_COLUMNS
     table = rich_table.Table(
-        title=title,
+        title=text.Text(title),  # it may name files: brackets are no markup
         title_justify="left",
         caption=" ".join(notes(rows)) or None,
         caption_justify="left",

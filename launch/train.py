@@ -1,5 +1,6 @@
 """Trains an agent as a config says, and continues where a run was cut."""
 
+import hashlib
 import pathlib
 
 import jax
@@ -8,8 +9,9 @@ from rich import console as rich_console
 from ..learners import checkpoint, mesh as meshes
 from ..learners.base import TrainState
 from ..learners.program import Program, compile_program, initial_state
-from ..sim.data.bank import Bank
-from . import banks, config, files, logbook
+from ..sim import files
+from ..sim.data import store
+from . import banks, config, logbook
 from .experiment import Experiment, agent, environment, learner
 from .progress import progress
 
@@ -33,11 +35,12 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
         ValueError: if the experiment does not fit together.
     """
     _check_folder(folder, experiment)
+    files.require_writable(folder)
     env = environment(experiment.observation, experiment.dynamics, "playback")
     console = rich_console.Console(stderr=True)
     mesh = meshes.data_mesh()
     loaded = banks.load(experiment.source, experiment.max_objects, mesh)
-    console.print(banks.describe(loaded), highlight=False)
+    console.print(banks.describe(loaded), highlight=False, markup=False)
 
     made = learner(experiment, agent(experiment, env, loaded.one_shard))
     program = compile_program(made, mesh, experiment.updates_per_call)
@@ -46,45 +49,74 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
 
     checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
     if checkpoints.steps():
-        state = checkpoints.restore(state).tree
-        done = int(state.step)
-        console.print(f"continuing {folder} at update {done:,}", highlight=False)
-    return _run(experiment, folder, program, loaded.bank, state, checkpoints)
+        restored = checkpoints.restore(state)
+        _check_same(restored.metadata, loaded, folder)
+        state = restored.tree
+        console.print(
+            f"continuing {folder} at update {restored.step:,}",
+            highlight=False,
+            markup=False,
+        )
+    return _run(experiment, folder, program, loaded, state, checkpoints)
 
 
 def _run(
     experiment: Experiment,
     folder: pathlib.Path,
     program: Program,
-    bank: Bank,
+    loaded: banks.Loaded,
     state: TrainState,
     checkpoints: checkpoint.Checkpoints,
 ) -> TrainState:
-    start = int(state.step)
+    done = int(state.step)
+    metadata = _identity(loaded)
     with (
-        logbook.Logbook(folder, resume_step=start or None) as log,
-        progress("training", experiment.updates, unit="updates", start=start) as line,
+        logbook.Logbook(folder, resume_step=done) as log,
+        progress("training", experiment.updates, unit="updates", start=done) as line,
     ):
-        while start < experiment.updates:
-            state, metrics = program(state, bank)
-            start += experiment.updates_per_call
+        while done < experiment.updates:
+            state, metrics = program(state, loaded.bank)
+            done += experiment.updates_per_call
             scalars = {name: float(value) for name, value in metrics.items()}
-            log.write(start, scalars)
-            line.update(start, f"loss {scalars['loss']:.3f}")
-            is_last = start == experiment.updates
-            if is_last or start % experiment.updates_per_checkpoint == 0:
-                checkpoints.save_async(start, state, {})
+            log.write(done, scalars)
+            line.update(done, f"loss {scalars['loss']:.3f}")
+            is_last = done == experiment.updates
+            if is_last or done % experiment.updates_per_checkpoint == 0:
+                checkpoints.save_async(done, state, metadata)
         checkpoints.wait()
     return state
 
 
 def _check_folder(folder: pathlib.Path, experiment: Experiment) -> None:
     path = folder / CONFIG
-    if path.exists() and config.load(path, Experiment) != experiment:
+    if not path.exists():
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise FileExistsError(
+                f"'{folder}' is there and no run; name a new folder with --out"
+            )
+    elif config.load(path, Experiment) != experiment:
         raise FileExistsError(
             f"'{folder}' holds a run of another config; name another folder with "
             "--out, or delete this one first"
         )
+
+
+def _identity(loaded: banks.Loaded) -> dict[str, str | int]:
+    """Returns what a run must find again to go on as if it had not been cut."""
+    digest = hashlib.sha256()
+    for scenario in loaded.scenarios:
+        digest.update(store.encode(scenario))
+    return {"scenarios": digest.hexdigest(), "devices": loaded.num_devices}
+
+
+def _check_same(saved: dict, loaded: banks.Loaded, folder: pathlib.Path) -> None:
+    for name, value in _identity(loaded).items():
+        if saved.get(name) != value:
+            raise ValueError(
+                f"'{folder}' was trained with other {name} ({saved.get(name)}, now "
+                f"{value}), so it would not go on as it was; bring them back, or train "
+                "into another folder with --out"
+            )
 
 
 def load_run(folder: pathlib.Path) -> Experiment:

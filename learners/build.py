@@ -18,6 +18,19 @@ class LearnerConfig(optim.OptimizerConfig):
     name: str = "bc"
     batch_size: int = 256  # over all devices
 
+    def __post_init__(self) -> None:
+        """Checks the name and the batch, and the fields of the optimizer.
+
+        Raises:
+            ValueError: if the name is unknown, the batch is empty, or the optimizer's
+                fields are out of range.
+        """
+        super().__post_init__()
+        if self.name not in KNOWN:
+            raise names.unknown("learner", self.name, KNOWN)
+        if self.batch_size < 1:
+            raise ValueError(f"batch_size must be at least 1, got {self.batch_size}.")
+
 
 def build(config: LearnerConfig, agent: Agent, sample: Sample) -> Learner:
     """Builds the learner that the config names.
@@ -26,15 +39,6 @@ def build(config: LearnerConfig, agent: Agent, sample: Sample) -> Learner:
         config: what to build.
         agent: the policy it improves.
         sample: draws one demonstration from the bank.
-
-    Raises:
-        ValueError: if the name is not known or the batch is empty.
     """
-    if config.batch_size < 1:
-        raise ValueError(f"batch_size must be at least 1, got {config.batch_size}.")
     optimizer = optim.adam(config)
-    match config.name:
-        case "bc":
-            return bc.behavior_cloning(agent, sample, optimizer, config.batch_size)
-        case _:
-            raise names.unknown("learner", config.name, KNOWN)
+    return bc.behavior_cloning(agent, sample, optimizer, config.batch_size)

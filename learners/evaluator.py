@@ -44,7 +44,9 @@ def compile_evaluator(
 
         def play(number):
             index = jnp.minimum(number, local_bank.num_scenarios - 1)
-            episode_key = jax.random.fold_in(key, number)
+            # By the number among all scenarios: the same on any number of devices.
+            shard = jax.lax.axis_index(meshes.AXIS)
+            episode_key = jax.random.fold_in(key, number * mesh.size + shard)
             steps = rollout(env, driver, local_bank, index, episode_key)
             return aggregate.summarize(steps.measures)
 

@@ -1,6 +1,7 @@
 """Changes parameters along their gradients: Adam with clipping and a schedule."""
 
 import dataclasses
+import math
 
 import jax.numpy as jnp
 import optax
@@ -18,6 +19,29 @@ class OptimizerConfig:
     decay_updates: int | None = None  # in all, along a cosine to zero; None: no decay
     max_gradient_norm: float = 10.0  # gradients longer than this are shortened to it
 
+    def __post_init__(self) -> None:
+        """Checks the ranges.
+
+        Raises:
+            ValueError: if a rate, norm or count is out of range.
+        """
+        if not (0 < self.learning_rate < math.inf and self.max_gradient_norm > 0):
+            raise ValueError(
+                f"learning_rate and max_gradient_norm must be positive, got "
+                f"{self.learning_rate} and {self.max_gradient_norm}."
+            )
+        if self.warmup_updates < 0:
+            raise ValueError(
+                f"warmup_updates must not be negative, got {self.warmup_updates}."
+            )
+        if self.decay_updates is not None and (
+            self.decay_updates <= self.warmup_updates
+        ):
+            raise ValueError(
+                f"decay_updates counts the warm-up in and must exceed it, got "
+                f"{self.decay_updates} with {self.warmup_updates} of warm-up."
+            )
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Optimizer:
@@ -28,37 +52,19 @@ class Optimizer:
 
 
 def adam(config: OptimizerConfig) -> Optimizer:
-    """Makes Adam (Kingma and Ba 2015) with global-norm clipping before it.
-
-    Raises:
-        ValueError: if a rate, norm or count is out of range.
-    """
-    if config.learning_rate <= 0 or config.max_gradient_norm <= 0:
-        raise ValueError(
-            f"learning_rate and max_gradient_norm must be positive, got "
-            f"{config.learning_rate} and {config.max_gradient_norm}."
-        )
-    if config.warmup_updates < 0:
-        raise ValueError(
-            f"warmup_updates must not be negative, got {config.warmup_updates}."
-        )
+    """Makes Adam (Kingma and Ba 2015) with global-norm clipping before it."""
     if config.decay_updates is None:
         learning_rate = optax.warmup_constant_schedule(
             0.0 if config.warmup_updates else config.learning_rate,
             config.learning_rate,
             config.warmup_updates,
         )
-    elif config.decay_updates > config.warmup_updates:
+    else:
         learning_rate = optax.warmup_cosine_decay_schedule(
             0.0 if config.warmup_updates else config.learning_rate,
             config.learning_rate,
             config.warmup_updates,
             config.decay_updates,
-        )
-    else:
-        raise ValueError(
-            f"decay_updates counts the warm-up in and must exceed it, got "
-            f"{config.decay_updates} with {config.warmup_updates} of warm-up."
         )
     transformation = optax.chain(
         optax.clip_by_global_norm(config.max_gradient_norm), optax.adam(learning_rate)

@@ -54,7 +54,8 @@ class MapType(enum.IntEnum):
 
 
 NUM_MAP_TYPES = len(MapType) + 1  # the codes run to 20, and 4 is not used
-MAX_EXTENT = 10_000.0  # metres that a map may reach
+MAX_EXTENT = 10_000.0  # metres that a scene may reach
+MAX_TRAVEL = 5_000.0  # metres that the ego may travel
 LANES = (
     MapType.LANE_UNDEFINED,
     MapType.LANE_FREEWAY,
@@ -212,8 +213,8 @@ def check(scenario: Scenario) -> Scenario:
 
     Raises:
         ScenarioError: if the log is too short, the ego is absent at the current step or
-            at all later ones, there is no map or one of more than 10 km, or a value
-            that is marked valid is not finite or beyond 10,000 km.
+            at all later ones, there is no map, a value that is marked valid is not
+            finite or beyond 10,000 km, or places lie too far apart.
     """
     tracks, current = scenario.tracks, scenario.current_step
     if scenario.num_steps < current + 2:
@@ -249,10 +250,26 @@ def check(scenario: Scenario) -> Scenario:
             )
     if (tracks.size[tracks.valid.any(axis=1)] < 0).any():
         raise ScenarioError("tracks.size has a negative length, width or height")
-    extent = np.ptp(scenario.roads.xyz, axis=0).max()
-    if extent > MAX_EXTENT:
-        raise ScenarioError(
-            f"the map is {extent / 1e3:,.0f} km wide, at most "
-            f"{MAX_EXTENT / 1e3:.0f} km fit; cut it around the ego"
-        )
+    _check_extent(scenario)
     return scenario
+
+
+def _check_extent(scenario: Scenario) -> None:
+    """Raises ScenarioError where places lie too far apart to be one scene."""
+    tracks, lights, paths = scenario.tracks, scenario.lights, scenario.paths
+    places = [tracks.xyz[tracks.valid], scenario.roads.xyz]
+    places += [lights.xyz[lights.valid.any(axis=1)]]
+    places += [] if paths is None else [paths.xyz]
+    extent = float(np.ptp(np.concatenate(places), axis=0).max())
+    ego = scenario.ego_index
+    way = np.diff(tracks.xyz[ego, tracks.valid[ego]], axis=0)
+    travel = float(np.linalg.norm(way, axis=1).sum())
+    for name, value, limit in (
+        ("the scene reaches", extent, MAX_EXTENT),
+        ("the ego travels", travel, MAX_TRAVEL),
+    ):
+        if not value <= limit:
+            raise ScenarioError(
+                f"{name} {value / 1e3:,.1f} km, at most {limit / 1e3:.0f} km fit; cut "
+                "the scene, or mend places that jump"
+            )

@@ -32,6 +32,21 @@ class Source:
     max_scenarios: int | None = None
     quantize: bool = True  # of what is packed here; a store is as it was prepared
 
+    def __post_init__(self) -> None:
+        """Checks the ranges.
+
+        Raises:
+            ValueError: if the share is no share, or no scenario is wanted.
+        """
+        if not 0 < self.test_share < 1:
+            raise ValueError(
+                f"test_share must be within 0 and 1, got {self.test_share}."
+            )
+        if self.max_scenarios is not None and self.max_scenarios < 1:
+            raise ValueError(
+                f"max_scenarios must be at least 1, got {self.max_scenarios}."
+            )
+
 
 class SourceError(ValueError):
     """A source without usable scenarios; the message says why and what would help."""
@@ -39,14 +54,13 @@ class SourceError(ValueError):
 
 def load(
     source: Source,
-    tick: Callable[[int, int | None], None] = lambda done, total: None,
+    tick: Callable[[int], None] = lambda done: None,
 ) -> list[Packed]:
     """Returns the scenarios of a source.
 
     Args:
         source: what to load.
-        tick: called after each scenario with their number so far and the total, if
-            known.
+        tick: called after each scenario with their number so far.
 
     Raises:
         FileNotFoundError: if there is no such store or file.
@@ -54,11 +68,11 @@ def load(
         StoreError: if the store is damaged.
         ValueError: if `synthetic:FIRST:COUNT` is malformed.
     """
-    scenarios, total, bad = _open(source)
+    bad: list[BadRecord] = []
     kept: list[Packed] = []
     limit = source.max_scenarios
-    for done, packed in enumerate(scenarios, start=1):
-        tick(done, total)
+    for done, packed in enumerate(_open(source, bad), start=1):
+        tick(done)
         if in_split(packed.scenario_id, source.split, source.test_share):
             kept.append(packed)
         if limit is not None and len(kept) >= limit:
@@ -81,19 +95,31 @@ def in_split(scenario_id: str, split: Split, test_share: float) -> bool:
     return is_test == (split == "test")
 
 
-def _open(source: Source) -> tuple[Iterator[Packed], int | None, list[BadRecord]]:
-    """Returns scenarios, their number if known, and a list that bad records join."""
-    bad: list[BadRecord] = []
+def count(source: Source) -> int | None:
+    """Returns how many scenarios a source has, of all splits; None for bare files.
+
+    Raises:
+        FileNotFoundError: if there is no such store.
+        StoreError: if the store is damaged.
+        ValueError: if `synthetic:FIRST:COUNT` is malformed.
+    """
+    if source.path.startswith(f"{SYNTHETIC}:"):
+        return len(synthetic_seeds(source.path))
+    path = pathlib.Path(source.path)
+    return len(store.Records(path)) if path.is_dir() else None
+
+
+def _open(source: Source, bad: list[BadRecord]) -> Iterator[Packed]:
+    """Returns scenarios; bad records join the list on the way."""
     path = pathlib.Path(source.path)
     config = PackConfig(quantize=source.quantize)
     if source.path.startswith(f"{SYNTHETIC}:"):
         seeds = synthetic_seeds(source.path)
-        return (pack(synthetic.generate(s), config) for s in seeds), len(seeds), bad
+        return (pack(synthetic.generate(seed), config) for seed in seeds)
     if path.is_dir():
         records: Any = store.Records(path)
-        dataset = grain.MapDataset.source(records).to_iter_dataset()
-        return iter(dataset), len(records), bad
-    return _read_files(matching_files(source.path), config, bad), None, bad
+        return iter(grain.MapDataset.source(records).to_iter_dataset())
+    return _read_files(matching_files(source.path), config, bad)
 
 
 def _read_files(

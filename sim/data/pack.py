@@ -36,6 +36,17 @@ class PackConfig:
     simplify: float = 0.03  # greatest deviation of simplified polylines [m]
     quantize: bool = True  # 16-bit numbers; else float32 and no simplification
 
+    def __post_init__(self) -> None:
+        """Checks the tolerance.
+
+        Raises:
+            ValueError: if it is negative or not finite.
+        """
+        if not 0 <= self.simplify < np.inf:
+            raise ValueError(
+                f"simplify must be a length of at least 0 m, got {self.simplify}."
+            )
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class Packed:

@@ -9,9 +9,11 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
+import numpy as np
+
 from . import loader, store
 from .base import BadRecord
-from .pack import PackConfig, Packed
+from .pack import QUANTUM, PackConfig, Packed
 
 SHARD_BYTES = 2**26  # of input files per shard; a larger file makes a shard of its own
 PLAN = "plan.json"
@@ -29,6 +31,8 @@ class Summary:
     num_shards: int
     num_continued: int  # shards that an earlier run had finished
     num_bytes: int  # of all scenarios in the bank
+    num_coarse: int  # wider than 655 m, so that places are kept to more than 1 cm
+    num_index_dropped: int  # candidates that did not fit into the index of road edges
     bad: list[dict[str, Any]]  # file, record and reason of each record left out
     duplicates: list[str]  # scenario ids that came more than once
 
@@ -56,11 +60,12 @@ def prepare(
 
     Raises:
         RecordError: on the first bad record of a strict run, or if no record is usable;
-            then nothing is left behind.
+            then nothing is left behind
+            but what an earlier run had finished.
         FileExistsError: if the folder holds something else, or a store of other files
             or settings.
     """
-    _claim(out, _plan(files, config))
+    is_new = _claim(out, _plan(files, config))
     try:
         shards = _shards(files, out, config, strict, tick)
         bad = [record for shard in shards for record in shard["bad"]]
@@ -77,7 +82,7 @@ def prepare(
                 f"is of {first['file']}: {first['reason']}"
             )
     except RecordError:
-        if not store.is_store(out):
+        if is_new:
             _clear(out)
         raise
     counts = Counter(entry["scenario_id"] for entry in entries)
@@ -97,6 +102,8 @@ def prepare(
         num_shards=len(shards),
         num_continued=sum(shard["continued"] for shard in shards),
         num_bytes=sum(entry["num_bytes"] for entry in entries),
+        num_coarse=sum(entry["quantum"] > QUANTUM for entry in entries),
+        num_index_dropped=sum(entry["num_index_dropped"] for entry in entries),
         bad=bad,
         duplicates=[name for name, count in counts.items() if count > 1],
     )
@@ -108,19 +115,24 @@ def _plan(files: Sequence[pathlib.Path], config: PackConfig) -> dict[str, Any]:
     return {"pack": dataclasses.asdict(config), "files": inputs}
 
 
-def _claim(out: pathlib.Path, plan: dict[str, Any]) -> None:
-    """Makes the folder of the store, or checks that an earlier run made it."""
+def _claim(out: pathlib.Path, plan: dict[str, Any]) -> bool:
+    """Makes the folder of the store, or checks that an earlier run made it.
+
+    Returns:
+        Whether the store is new.
+    """
     if (out / PLAN).is_file():
         if json.loads((out / PLAN).read_text()) != plan:
             raise FileExistsError(
                 f"'{out}' holds a store of other files or settings; name another "
                 "folder, or delete this one first"
             )
-        return
+        return False
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise FileExistsError(f"'{out}' is there and no store; name a new folder")
     out.mkdir(parents=True, exist_ok=True)
     store.write_json(out / PLAN, plan)
+    return True
 
 
 def _groups(files: Sequence[pathlib.Path]) -> Iterator[list[pathlib.Path]]:
@@ -213,4 +225,5 @@ def _entry(packed: Packed) -> dict[str, Any]:
         "num_lights": len(packed.light_xyz),
         "num_index_dropped": packed.num_index_dropped,
         "num_bytes": packed.num_bytes,
+        "quantum": packed.quantum if packed.poses.dtype == np.int16 else 0.0,
     }

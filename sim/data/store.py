@@ -19,6 +19,7 @@ import msgpack
 import numpy as np
 from array_record.python import array_record_module  # pyright: ignore
 
+from .. import files
 from .pack import Packed
 
 FORMAT_VERSION = 1
@@ -73,9 +74,7 @@ def _decode_value(value: Any) -> Any:
 
 def write_json(path: pathlib.Path, value: Any) -> None:
     """Writes JSON so that the file is either whole or not there."""
-    partial = path.with_name(f"{path.name}.partial")
-    partial.write_text(json.dumps(value, indent=1) + "\n")
-    os.replace(partial, path)
+    files.write_whole(path, json.dumps(value, indent=1) + "\n")
 
 
 def write_shard(path: pathlib.Path, scenarios: Iterable[Packed]) -> str:

@@ -5,6 +5,7 @@ pieces of the map, the traffic lights, and places ahead on the route.
 """
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 import jax
@@ -44,6 +45,29 @@ class VectorConfig:
     num_route: int = 16  # places ahead on the route; 0 leaves the route out
     route_spacing: float = 4.0  # metres between them
     radius: float = 80.0  # metres beyond which nothing is seen
+
+    def __post_init__(self) -> None:
+        """Checks the ranges.
+
+        Raises:
+            ValueError: if a count is negative or a length is not positive.
+        """
+        for name, least in (
+            ("history", 0),
+            ("num_objects", 1),
+            ("num_road", 1),
+            ("num_lights", 1),
+            ("num_route", 0),
+        ):
+            if getattr(self, name) < least:
+                raise ValueError(
+                    f"{name} must be at least {least}, got {getattr(self, name)}."
+                )
+        for name in ("route_spacing", "radius"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ValueError(
+                    f"{name} must be a positive length, got {getattr(self, name)}."
+                )
 
 
 Observe = Callable[

@@ -112,8 +112,9 @@ def test_the_expert_has_the_figures_of_the_log(
         assert dump["metric/progress"].shape == (91,)
 
 
+@pytest.mark.parametrize("cut_at", [2, 4], ids=["before a checkpoint", "after one"])
 def test_a_run_that_was_cut_equals_one_that_was_not(
-    drivetrain, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+    drivetrain, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, cut_at: int
 ) -> None:
     (tmp_path / "tiny.yaml").write_text(TINY)
     assert drivetrain("train", "tiny.yaml", "--out", "whole") == 0
@@ -125,7 +126,7 @@ def test_a_run_that_was_cut_equals_one_that_was_not(
 
     def write_then_cut(log, step, scalars):
         write(log, step, scalars)
-        if step == 4:
+        if step == cut_at:
             raise Cut
 
     monkeypatch.setattr(logbook.Logbook, "write", write_then_cut)
@@ -159,8 +160,15 @@ def test_a_run_that_was_cut_equals_one_that_was_not(
         (["prepare", "text.txt", "full"], "is there and no store"),
         (["train", "tiny.yaml", "lerner.batch_size=3"], "did you mean"),
         (["train", "tiny.yaml", "updates=5"], "multiple of updates_per_call"),
+        (["train", "tiny.yaml", "observation.radius=-1"], "radius must be"),
+        (["train", "tiny.yaml", "learner.learning_rate=inf"], "must be positive"),
+        (["evaluate", "expert", "--max-objects", "0"], "max_objects must be"),
+        (["evaluate", "expert", "--max-scenarios", "0"], "max_scenarios must be"),
+        (["evaluate", "expert", "--seed", "-1"], "seed must be"),
         (["train", "tiny.yaml", "dynamics=bicycel"], "did you mean 'bicycle'?"),
         (["train", "tiny.yaml", "data=missing"], "no file matches 'missing'"),
+        (["train", "tiny.yaml", "--out", "full"], "is there and no run"),
+        (["evaluate", "expert", "--json", "full"], "is a folder"),
         (["train", "tinny.yaml"], "tiny.yaml"),
         (["train", "tiny.yaml", "learner.learning_rate=fast"], "learning_rate"),
     ],
@@ -203,6 +211,57 @@ def test_an_id_from_a_file_cannot_lead_out_of_the_dump(
     path.write_text(json.dumps(scene))
     assert drivetrain("evaluate", "coast", "--data", "scene.json", "--dump", "d") == 0
     assert [p.name for p in (tmp_path / "d").iterdir()] == ["..%2F..%2Fescaped.npz"]
+
+
+def test_a_run_does_not_go_on_with_other_data(
+    drivetrain, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture
+) -> None:
+    (tmp_path / "tiny.yaml").write_text(TINY)
+    scenario_file(tmp_path / "scene0.json")
+    words = ["train", "tiny.yaml", "data=scene*.json", "--out", "run"]
+    assert drivetrain(*words) == 0
+    scenario_file(tmp_path / "scene1.json")
+    assert drivetrain(*words) == 2
+    assert "other scenarios" in capsys.readouterr().err
+
+
+def test_brackets_in_a_file_are_no_markup(
+    drivetrain, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture
+) -> None:
+    path = scenario_file(tmp_path / "bad.json")
+    scene = json.loads(path.read_text())
+    scene["roads"][0]["type"] = "[/red]"
+    path.write_text(json.dumps(scene))
+    scenario_file(tmp_path / "[good].json")
+    assert drivetrain("prepare", "bad.json", "[[]good].json", "store") == 0
+    assert "[/red]" in capsys.readouterr().out
+
+
+def test_scenarios_with_one_id_are_all_dumped(
+    drivetrain, tmp_path: pathlib.Path
+) -> None:
+    for name in ("a", "b"):
+        path = scenario_file(tmp_path / f"{name}.json")
+        scene = json.loads(path.read_text()) | {"scenario_id": "twin"}
+        path.write_text(json.dumps(scene))
+    words = ["--data", "[ab].json", "--dump", "d"]
+    assert drivetrain("evaluate", "coast", *words) == 0
+    assert sorted(p.name for p in (tmp_path / "d").iterdir()) == [
+        "twin.2.npz",
+        "twin.npz",
+    ]
+
+
+@pytest.mark.parametrize("place", [5e4, 5e6], ids=["far", "very far"])
+def test_a_place_that_jumps_makes_a_bad_record(
+    drivetrain, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture, place: float
+) -> None:
+    path = scenario_file(tmp_path / "jump.json")
+    scene = json.loads(path.read_text())
+    scene["objects"][0]["position"][50]["x"] = place
+    path.write_text(json.dumps(scene))
+    assert drivetrain("prepare", "jump.json", "store") == 2
+    assert "the scene reaches" in capsys.readouterr().err
 
 
 def test_a_folder_with_another_run_is_left_alone(

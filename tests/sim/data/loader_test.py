@@ -118,7 +118,9 @@ def test_progress_counts_scenarios_and_knows_a_total(folder, tmp_path):
         [folder / "0.json", folder / "1.json"], tmp_path / "s", PackConfig()
     )
     for path in ("synthetic:0:2", str(tmp_path / "s"), str(folder / "[01].json")):
-        loader.load(Source(path=path), lambda *call: calls.append(call))
+        source = Source(path=path)
+        total = loader.count(source)
+        loader.load(source, lambda done, total=total: calls.append((done, total)))
 
     assert calls == [(1, 2), (2, 2), (1, 2), (2, 2), (1, None), (2, None)]
 
@@ -174,7 +176,7 @@ def test_files_without_a_usable_scenario_are_named_with_the_reason(tmp_path):
 
 def test_an_empty_split_is_named():
     with pytest.raises(SourceError, match="split test"):
-        loader.load(Source(path="synthetic:0:1", split="test", test_share=0.0))
+        loader.load(Source(path="synthetic:0:1", split="test", test_share=1e-9))
 
 
 def test_bad_records_among_good_ones_are_passed_over(folder):

@@ -1,0 +1,35 @@
+"""Writes files so that they are whole or absent, whenever the process is killed."""
+
+import os
+import pathlib
+
+
+def write_whole(path: str | os.PathLike[str], content: str | bytes) -> None:
+    """Writes a file beside its place and moves it there when it is complete."""
+    path = pathlib.Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f"{path.name}.part")
+    try:
+        with part.open("wb") as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def require_writable(path: pathlib.Path) -> None:
+    """Checks, before the work is done, that a file or folder can be made.
+
+    Raises:
+        PermissionError: if the nearest folder that is there may not be written to.
+    """
+    folder = path.absolute()
+    while not folder.is_dir():
+        folder = folder.parent
+    if not os.access(folder, os.W_OK):
+        raise PermissionError(
+            f"'{folder}' may not be written to; name another place for '{path}'"
+        )
