@@ -185,6 +185,8 @@ def _read(path: pathlib.Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         saved: Any = orbax.metadata(str(path)).custom_metadata
         text, expected = saved["metadata"], saved["sha256"]
         arrays = {name: np.asarray(x) for name, x in orbax.load(str(path)).items()}
+    except MemoryError:  # says nothing about the checkpoint
+        raise
     except Exception as error:  # whatever a reader meets in damaged bytes
         # Storage errors quote their whole specification.
         raise DamagedError(f"it cannot be read: {str(error)[:200]}") from error

@@ -1,8 +1,8 @@
 """States how objects move: the part of a world that changes."""
 
-import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from . import geometry
 from .records import Record
 
 
@@ -26,6 +26,4 @@ class Motion(Record):
     @property
     def speed(self) -> Float[Array, "*objects"]:
         """The length of the velocity [m/s], with a finite gradient at rest."""
-        squared = jnp.sum(self.velocity**2, axis=-1)
-        moving = squared > 0
-        return jnp.where(moving, jnp.sqrt(jnp.where(moving, squared, 1.0)), 0.0)
+        return geometry.norm(self.velocity)

@@ -43,7 +43,7 @@ class Sizes:
             num_simulated=max(s.num_steps - 1 - s.current_step for s in scenarios),
             num_objects=min(max(len(s.object_id) for s in scenarios), max_objects),
             num_vertices=max(len(s.vertices) for s in scenarios),
-            num_lights=max(1, *(len(s.light_xyz) for s in scenarios), 1),
+            num_lights=max(1, *(len(s.light_xyz) for s in scenarios)),
             num_path_vertices=max(len(s.path_vertices) for s in scenarios),
             num_paths=max(len(s.path_on_route) for s in scenarios),
         )

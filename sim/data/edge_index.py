@@ -44,8 +44,9 @@ def build(
 ) -> EdgeIndex:
     """Builds the index over road edges.
 
-    The answer is exact for points inside the grid that are at most `FAR` from an edge
-    and whose height is within `HEIGHT_BELOW` and `HEIGHT_ABOVE` of the edges near them.
+    Where no list overflowed, the answer is exact for points inside the grid that are at
+    most `FAR` from an edge and whose height is within `HEIGHT_BELOW` and `HEIGHT_ABOVE`
+    of the edges near them.
 
     Args:
         vertices: of all edges, one after the other [m].

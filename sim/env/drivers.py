@@ -1,6 +1,6 @@
 """Drives the ego by rules: the expert of the log, coasting, and sim agents."""
 
-import jax
+import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
 from .. import names
@@ -33,7 +33,7 @@ def guided(dynamics: Dynamics, sim_agent: SimAgent) -> Driver:
         here, there = (object_of(motion, EGO) for motion in (state.motion, goal))
         action = dynamics.inverse(here, there, bank.dt)
         held = dynamics.coast(here, bank.dt)
-        return memory, jax.numpy.where(there.valid, action, held)
+        return memory, jnp.where(there.valid, action, held)
 
     return Driver(sim_agent.reset, act)
 

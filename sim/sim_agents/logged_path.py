@@ -106,8 +106,7 @@ def advance(
         scene: the scenario.
         follower: before the step.
         acceleration: of the step [m/s^2].
-        logged: the log one step later. Driven objects take their height from it, and
-            keep its last one where it has none.
+        logged: the log one step later, where the others and all heights come from.
     """
     dt = scene.bank.dt
     speed = jnp.maximum(follower.speed + acceleration * dt, 0.0)
