@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 import yaml
 
-from .entries import COMMAND_LINE, ConfigError, Entry, override, parse, suggestion
+from .entries import ConfigError, Entry, override, parse, suggestion
 
 Config = TypeVar("Config")
 
@@ -73,17 +73,6 @@ def from_yaml(
     root = parse(text, source)
     if not isinstance(root.value, dict):
         raise ConfigError(f"{source} holds {root}; expected lines of `key: value`")
-    return _convert(override(root, overrides), root_type, "")
-
-
-def from_overrides(root_type: type[Config], overrides: Sequence[str] = ()) -> Config:
-    """Makes a config of defaults and what the command line says, without a file.
-
-    Raises:
-        ConfigError: if an override does not fit the dataclass, or one without a default
-            is not given.
-    """
-    root = Entry(value={}, where=COMMAND_LINE)
     return _convert(override(root, overrides), root_type, "")
 
 

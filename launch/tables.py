@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Shaped
-from rich import box, cells, console as rich_console, table as rich_table, text
+from rich import box, console as rich_console, table as rich_table, text
 
 from ..sim import files
 
@@ -218,38 +218,6 @@ def show(
     """Prints the table on a terminal, or on standard output wherever that leads."""
     console = console or rich_console.Console()
     console.print(terminal(rows, title, console.width))
-
-
-def markdown(rows: Sequence[Row]) -> str:
-    """Makes the table as Markdown that lines up as plain text too."""
-    columns = columns_of(rows)
-    header = ["Agent", "Sim agents", "Episodes"]
-    header += [f"{column.title} [{column.unit}]" for column in columns]
-    lines = [header] + [
-        [str(row["agent"]), str(row["sim_agent"]), f"{row['episodes']:,}"]
-        + [" ".join(cell(row, column)).strip() for column in columns]
-        for row in rows
-    ]
-    lines = [[word.replace("|", "\\|") for word in line] for line in lines]
-    widths = [
-        max(cells.cell_len(word) for word in col) for col in zip(*lines, strict=True)
-    ]
-    rule = [
-        ("-" * width if i < 2 else "-" * (width - 1) + ":")
-        for i, width in enumerate(widths)
-    ]
-    padded = [
-        [
-            word + fill if i < 2 else fill + word
-            for i, (word, width) in enumerate(zip(line, widths, strict=True))
-            for fill in [" " * (width - cells.cell_len(word))]
-        ]
-        for line in lines
-    ]
-    body = "\n".join(
-        f"| {' | '.join(line)} |" for line in [padded[0], rule, *padded[1:]]
-    )
-    return "\n\n".join([body, *notes(rows)]) + "\n"
 
 
 def write_json(path: str | os.PathLike[str], rows: Sequence[Row]) -> None:

@@ -9,7 +9,6 @@ import io
 from collections.abc import Sequence
 from typing import Literal
 
-import matplotlib
 import numpy as np
 from matplotlib import axes, figure as mpl_figure, patheffects
 
@@ -123,14 +122,6 @@ def to_png(fig: mpl_figure.Figure, *, dpi: int = 150) -> bytes:
     """Returns a figure as a PNG file."""
     buffer = io.BytesIO()
     fig.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
-    return buffer.getvalue()
-
-
-def to_svg(fig: mpl_figure.Figure) -> bytes:
-    """Returns a figure as an SVG file, the same for the same figure."""
-    buffer = io.BytesIO()
-    with matplotlib.rc_context({"svg.hashsalt": "drivetrain"}):
-        fig.savefig(buffer, format="svg", metadata={"Date": None})
     return buffer.getvalue()
 
 

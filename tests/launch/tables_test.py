@@ -61,7 +61,9 @@ def test_absent_values_are_left_out_and_counted() -> None:
     }
     made = tables.summarize(episodes, agent="dqn", sim_agent="idm", seed=0)
     assert (made["progress_pct"], made["progress_episodes"]) == (100.0, 2)
-    assert "Progress of dqn with idm is over 2 of 4 episodes" in tables.markdown([made])
+    assert "Progress of dqn with idm is over 2 of 4 episodes" in " ".join(
+        tables.notes([made])
+    )
 
 
 def test_a_metric_without_any_value_is_null() -> None:
@@ -149,14 +151,9 @@ def test_no_figure_is_cut_at_80_columns() -> None:
     assert "…" not in text
 
 
-def test_markdown_lines_up_and_keeps_its_bars() -> None:
-    lines = tables.markdown([row("a|b"), row("每五步")]).splitlines()
-    assert len({cell_len(line) for line in lines[:4]}) == 1
-    assert len({line.replace("\\|", "").count("|") for line in lines[:4]}) == 1
-
-
 def test_metrics_that_no_row_has_get_no_column() -> None:
-    assert "Off-road" not in tables.markdown([row()])
+    keys = [column.key for column in tables.columns_of([row()])]
+    assert "offroad_pct" not in keys
 
 
 def test_rows_are_read_back_from_json(tmp_path: pathlib.Path) -> None:

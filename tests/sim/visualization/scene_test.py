@@ -2,7 +2,6 @@
 
 import dataclasses
 import io
-import xml.etree.ElementTree
 
 import numpy as np
 import pytest
@@ -230,15 +229,3 @@ def test_pictures_side_by_side_share_one_legend(scenario: Scenario) -> None:
     texts = [text.get_text() for text in legend.get_texts()]
     assert texts.count("ego") == 1
     assert len(texts) == len({*texts})
-
-
-def test_a_figure_makes_the_same_svg_each_time(scenario: Scenario) -> None:
-    panel = scene.Panel(
-        title="<a> & b",
-        scenario=scenario,
-        trajectory=trajectory.logged(scenario),
-        step=20,
-    )
-    first, second = (scene.to_svg(scene.figure([panel])) for _ in range(2))
-    assert first == second
-    assert xml.etree.ElementTree.fromstring(first).tag.endswith("svg")
