@@ -14,7 +14,6 @@ from ..sim import files
 from ..sim.data import loader, prepare as preparing
 from ..sim.data.loader import Split
 from ..sim.data.pack import PackConfig
-from ..sim.env import drivers
 from . import (
     banks,
     config,
@@ -25,7 +24,7 @@ from . import (
 )
 from .experiment import Experiment
 from .progress import progress
-from .train import load_run, train as run_training
+from .train import train as run_training
 
 Dynamics = Literal[
     "delta", "delta_global", "delta_discrete", "bicycle", "bicycle_discrete"
@@ -175,17 +174,7 @@ def evaluate(
     for out in (json, dump):
         if out is not None:
             files.require_writable(out)
-    folder = pathlib.Path(agent)
-    is_run = agent not in drivers.NAMES and folder.is_dir()
-    if is_run:
-        space = load_run(folder).dynamics
-        if dynamics not in (None, space):
-            raise ValueError(
-                f"'{agent}' was trained with --dynamics {space}, not {dynamics}; "
-                "leave the option out"
-            )
-    else:
-        evaluating.rule(agent, dynamics or "bicycle", sim_agent)
+    player_of = evaluating.player_of(agent, dynamics, sim_agent)
     source = loader.Source(
         path=data,
         split=split,
@@ -196,10 +185,7 @@ def evaluate(
     loaded = banks.load(source, max_objects, meshes.data_mesh())
     console = rich_console.Console(stderr=True)
     console.print(banks.describe(loaded), highlight=False, markup=False)
-    if is_run:
-        player = evaluating.trained(folder, sim_agent, loaded)
-    else:
-        player = evaluating.rule(agent, dynamics or "bicycle", sim_agent)
+    player = player_of(loaded)
     rows = [evaluating.row(player, loaded, seed)]
     tables.show(rows, f"{agent} on {data}")
     if json is not None:

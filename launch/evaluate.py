@@ -1,6 +1,7 @@
 """Plays agents on scenarios and makes the rows of tables."""
 
 import dataclasses
+import functools
 import pathlib
 from collections.abc import Callable
 
@@ -34,6 +35,37 @@ class Player:
     env: Environment
     driver_of: Callable[[PyTree], Driver]
     params: PyTree  # a copy on each device; empty for rules
+
+
+def player_of(
+    agent: str, dynamics_name: str | None, sim_agent: str
+) -> Callable[[Loaded], Player]:
+    """Finds an agent by name, or by the folder of its run, before data are loaded.
+
+    Args:
+        agent: the name of a rule, or a folder.
+        dynamics_name: the ego's action space; None for that of the training, and the
+            bicycle for rules.
+        sim_agent: drives all others.
+
+    Returns:
+        A function from the scenarios to the player.
+
+    Raises:
+        FileNotFoundError: if the folder holds no run, or one without a checkpoint.
+        ValueError: if a name is unknown, or the run was trained with other dynamics.
+    """
+    folder = pathlib.Path(agent)
+    if agent in drivers.NAMES or not folder.is_dir():
+        player = rule(agent, dynamics_name or "bicycle", sim_agent)
+        return lambda loaded: player
+    space = load_run(folder).dynamics
+    if dynamics_name not in (None, space):
+        raise ValueError(
+            f"'{agent}' was trained with --dynamics {space}, not {dynamics_name}; "
+            "leave the option out"
+        )
+    return functools.partial(trained, folder, sim_agent)
 
 
 def rule(name: str, dynamics_name: str, sim_agent: str) -> Player:
@@ -81,17 +113,15 @@ def trained(folder: pathlib.Path, sim_agent: str, loaded: Loaded) -> Player:
 
 
 def play(player: Player, loaded: Loaded, seed: int) -> dict[str, np.ndarray]:
-    """Plays every scenario and returns each figure by episode, NaN without one."""
+    """Plays every scenario and returns each figure by episode, with its mask."""
     mesh = meshes.data_mesh()
     evaluate = compile_evaluator(player.env, player.driver_of, mesh)
     key = meshes.replicate(mesh, jax.random.key(seed))
     total = len(loaded.scenarios)
     with progress(f"evaluating {player.name}", total, unit="scenarios") as line:
         episodes = evaluate(player.params, loaded.bank, key, line.update)
-    return {
-        name: np.where(episodes.valid[name], value, np.nan)
-        for name, value in episodes.value.items()
-    }
+    masks = {f"{name}_mask": valid for name, valid in episodes.valid.items()}
+    return {name: np.asarray(x) for name, x in {**episodes.value, **masks}.items()}
 
 
 def row(player: Player, loaded: Loaded, seed: int) -> tables.Row:

@@ -2,6 +2,7 @@
 
 import hashlib
 import pathlib
+from collections.abc import Callable
 
 import jax
 from rich import console as rich_console
@@ -11,6 +12,7 @@ from ..learners.base import TrainState
 from ..learners.program import Program, compile_program, initial_state
 from ..sim import files
 from ..sim.data import store
+from ..sim.data.bank import Bank
 from . import banks, config, logbook
 from .experiment import Experiment, agent, environment, learner
 from .progress import progress
@@ -47,43 +49,46 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
     state = initial_state(made, mesh, jax.random.key(experiment.seed))
     files.write_whole(folder / CONFIG, config.to_yaml(experiment))
 
+    identity = _identity(loaded)
     checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
     if checkpoints.steps():
         restored = checkpoints.restore(state)
-        _check_same(restored.metadata, loaded, folder)
+        _check_same(restored.metadata, identity, folder)
         state = restored.tree
         console.print(
             f"continuing {folder} at update {restored.step:,}",
             highlight=False,
             markup=False,
         )
-    return _run(experiment, folder, program, loaded, state, checkpoints)
+
+    def save(state: TrainState, done: int) -> None:
+        checkpoints.save_async(done, state, identity)
+
+    with logbook.Logbook(folder, resume_step=int(state.step)) as log:
+        state = _run(experiment, program, loaded.bank, state, log, save)
+        checkpoints.wait()
+    return state
 
 
 def _run(
     experiment: Experiment,
-    folder: pathlib.Path,
     program: Program,
-    loaded: banks.Loaded,
+    bank: Bank,
     state: TrainState,
-    checkpoints: checkpoint.Checkpoints,
+    log: logbook.Logbook,
+    save: Callable[[TrainState, int], None],
 ) -> TrainState:
-    done = int(state.step)
-    metadata = _identity(loaded)
-    with (
-        logbook.Logbook(folder, resume_step=done) as log,
-        progress("training", experiment.updates, unit="updates", start=done) as line,
-    ):
-        while done < experiment.updates:
-            state, metrics = program(state, loaded.bank)
+    done, total = int(state.step), experiment.updates
+    with progress("training", total, unit="updates", start=done) as line:
+        while done < total:
+            state, metrics = program(state, bank)
             done += experiment.updates_per_call
             scalars = {name: float(value) for name, value in metrics.items()}
             log.write(done, scalars)
             line.update(done, f"loss {scalars['loss']:.3f}")
-            is_last = done == experiment.updates
+            is_last = done == total
             if is_last or done % experiment.updates_per_checkpoint == 0:
-                checkpoints.save_async(done, state, metadata)
-        checkpoints.wait()
+                save(state, done)
     return state
 
 
@@ -109,8 +114,8 @@ def _identity(loaded: banks.Loaded) -> dict[str, str | int]:
     return {"scenarios": digest.hexdigest(), "devices": loaded.num_devices}
 
 
-def _check_same(saved: dict, loaded: banks.Loaded, folder: pathlib.Path) -> None:
-    for name, value in _identity(loaded).items():
+def _check_same(saved: dict, identity: dict, folder: pathlib.Path) -> None:
+    for name, value in identity.items():
         if saved.get(name) != value:
             raise ValueError(
                 f"'{folder}' was trained with other {name} ({saved.get(name)}, now "
