@@ -88,7 +88,6 @@ def environment(
         sim_agents.build(sim_agent_name),
         vector(observation),
         rewards.weighted(rewards.SPARSE),
-        observation.history,
     )
 
 
@@ -105,7 +104,7 @@ def agent(experiment: Experiment, env: Environment, bank: Bank) -> Agent:
     """
 
     def first_observation(bank: Bank):
-        return env.observe(bank, env.reset(bank, jnp.int32(0)))
+        return env.observe(bank, env.reset(bank, jnp.int32(0), jax.random.key(0)))
 
     observation = jax.eval_shape(first_observation, bank)
     return agents.build(experiment.agent, observation, env.action_spec)
@@ -118,8 +117,6 @@ def learner(experiment: Experiment, agent: Agent) -> Learner:
         ValueError: if a field of its config is out of range.
     """
     sample = demonstrations(
-        dynamics.build(experiment.dynamics),
-        vector(experiment.observation),
-        experiment.observation.history,
+        dynamics.build(experiment.dynamics), vector(experiment.observation)
     )
     return learners.build(experiment.learner, agent, sample)

@@ -3,11 +3,12 @@
 from collections.abc import Callable, Mapping
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
-from .metrics.base import Measure
+from .metrics.base import Measure, Moment
 
-Reward = Callable[[dict[str, Measure]], Float[Array, ""]]
+# Of a moment, an object's number and its measures.
+Reward = Callable[[Moment, Int[Array, ""], dict[str, Measure]], Float[Array, ""]]
 
 # W 5.2: r = -1[collision] - 1[off-road].
 SPARSE = {"collision": -1.0, "offroad": -1.0}
@@ -20,7 +21,10 @@ def weighted(weights: Mapping[str, float]) -> Reward:
         weights: of metrics by name; a measure that is not valid counts as zero.
     """
 
-    def reward(measures: dict[str, Measure]) -> Float[Array, ""]:
+    def reward(
+        moment: Moment, number: Int[Array, ""], measures: dict[str, Measure]
+    ) -> Float[Array, ""]:
+        del moment, number
         parts = [
             weight * jnp.where(measures[name].valid, measures[name].value, 0.0)
             for name, weight in weights.items()

@@ -116,8 +116,18 @@ class Scene(Record):
             jax.lax.population_count(bits & before), axis=-1, dtype=jnp.int32
         )
         is_set = (jnp.take(bits, word, axis=-1) >> bit) & 1
-        valid = (is_set == 1) & in_log & exists
-        row = jnp.where(valid, first_row + rank, 0)
+        return self._rows(first_row + rank, (is_set == 1) & in_log & exists)
+
+    def log_end(self) -> Motion:
+        """Returns the last valid logged motion of each object."""
+        bits, first_row = map(
+            self._objects, (self.bank.valid_bits, self.bank.first_row)
+        )
+        count = jnp.sum(jax.lax.population_count(bits), axis=-1, dtype=jnp.int32)
+        return self._rows(first_row + count - 1, (count > 0) & self.object_mask)
+
+    def _rows(self, row, valid) -> Motion:
+        row = jnp.where(valid, row, 0)
         turns = self.bank.turns[row]
         yaw, velocity = turns[..., 0], turns[..., 1:]
         if not jnp.issubdtype(turns.dtype, jnp.floating):

@@ -15,9 +15,11 @@ from jaxtyping import Array, Float, Int
 from drivetrain.sim.data import bank as banks, build as readers, routes, synthetic
 from drivetrain.sim.data.bank import Bank, Sizes
 from drivetrain.sim.data.pack import PackConfig, Packed, pack
+from drivetrain.sim.goals import logged_goal
 from drivetrain.sim.metrics.base import Measure, Moment
 from drivetrain.sim.metrics.build import measure_all
 from drivetrain.sim.motion import Motion
+from drivetrain.sim.observations.base import View
 from drivetrain.sim.scenario import EDGES, Polylines, Scenario
 from drivetrain.sim.scene import Scene
 
@@ -134,6 +136,26 @@ def moment_of(scene: Scene, step: int, seed: int) -> Moment:
         before=kicked(log_at(scene, jnp.int32(step - 1)), 2 * seed),
         after=kicked(logged, 2 * seed + 1),
         logged=logged,
+        goal=logged_goal(scene, log_at(scene, scene.current_step)),
+    )
+
+
+def car_size(motion: Motion) -> Float[Array, "*objects 3"]:
+    """Returns the size of a car for each object."""
+    return jnp.broadcast_to(jnp.array([4.5, 2.0, 1.6]), (*motion.yaw.shape, 3))
+
+
+def view_of(scene: Scene, motion: Motion, step: int) -> View:
+    """Returns what observers see: a history of motions and all that is constant."""
+    start = log_at(scene, scene.current_step)
+    return View(
+        scene=scene,
+        step=jnp.int32(step),
+        motion=motion,
+        object_size=scene.object_size,
+        goal=logged_goal(scene, start),
+        controls=jnp.zeros((len(start.valid), 2)),
+        key=jax.random.key(0),
     )
 
 

@@ -13,6 +13,7 @@ from ..motion import Motion
 
 Duration = float | Float[Array, ""]  # seconds
 Action = Float[Array, "*objects features"] | Int[Array, "*objects"]
+Size = Float[Array, "*#objects 3"]  # length, width and height [m]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -37,15 +38,16 @@ ActionSpec = Continuous | Discrete
 class Dynamics:
     """A pair of functions between motions and actions.
 
-    `forward(motion, action, dt)` is the motion one step later; height and validity
-    stay as they are, since the environment takes them from the log.
-    `inverse(before, after, dt)` is the action that leads from one motion to the other
-    as nearly as the dynamics can. `coast(motion, dt)` is the action that holds
-    velocity and heading.
+    `forward(motion, size, action, dt)` is the motion one step later; height and
+    validity stay as they are, since the environment takes them from the log.
+    `inverse(before, after, size, dt)` is the action that leads from one motion to the
+    other as nearly as the dynamics can. `coast(motion, dt)` is the action that holds
+    velocity and heading. `controls(action)` are the numbers that an action stands for.
     """
 
     name: str
     action_spec: ActionSpec
-    forward: Callable[[Motion, Action, Duration], Motion]
-    inverse: Callable[[Motion, Motion, Duration], Action]
+    forward: Callable[[Motion, Size, Action, Duration], Motion]
+    inverse: Callable[[Motion, Motion, Size, Duration], Action]
     coast: Callable[[Motion, Duration], Action]
+    controls: Callable[[Action], Float[Array, "*objects features"]]

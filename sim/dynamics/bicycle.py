@@ -4,7 +4,7 @@ import jax.numpy as jnp
 
 from .. import geometry
 from ..motion import Motion
-from .base import Action, Continuous, Duration, Dynamics
+from .base import Action, Continuous, Duration, Dynamics, Size
 
 MAX_ACCELERATION = 6.0  # metres per second squared, W 3.4
 MAX_CURVATURE = 0.3  # 1 / metres, W 3.4
@@ -16,7 +16,7 @@ MOVING_SPEED = 0.65
 STANDING_DISTANCE = 1e-3
 
 
-def forward(motion: Motion, action: Action, dt: Duration) -> Motion:
+def forward(motion: Motion, size: Size, action: Action, dt: Duration) -> Motion:
     """Advances by one step with held acceleration a and curvature k (W eq. 2).
 
         x' = x + v_x dt + a cos(yaw) dt^2 / 2,   y' likewise
@@ -25,6 +25,7 @@ def forward(motion: Motion, action: Action, dt: Duration) -> Motion:
 
     Actions beyond the limits are clipped.
     """
+    del size
     acceleration = jnp.clip(action[..., 0], -MAX_ACCELERATION, MAX_ACCELERATION)
     curvature = jnp.clip(action[..., 1], -MAX_CURVATURE, MAX_CURVATURE)
     speed = motion.speed
@@ -43,7 +44,7 @@ def forward(motion: Motion, action: Action, dt: Duration) -> Motion:
     )
 
 
-def inverse(before: Motion, after: Motion, dt: Duration) -> Action:
+def inverse(before: Motion, after: Motion, size: Size, dt: Duration) -> Action:
     """Returns the acceleration and curvature between two motions (W eq. 3), unclipped.
 
         a = (v' - v) / dt
@@ -52,6 +53,7 @@ def inverse(before: Motion, after: Motion, dt: Duration) -> Action:
     yaw_v' is the direction of the velocity after the step where the object moves, which
     fits logs better (W A.1), and the yaw of the pose where it stands.
     """
+    del size
     speed_t, speed_tp1 = before.speed, after.speed
     acceleration = (speed_tp1 - speed_t) / dt
     moving = speed_tp1 > MOVING_SPEED
@@ -75,4 +77,4 @@ def bicycle() -> Dynamics:
     spec = Continuous(
         (-MAX_ACCELERATION, -MAX_CURVATURE), (MAX_ACCELERATION, MAX_CURVATURE)
     )
-    return Dynamics("bicycle", spec, forward, inverse, coast)
+    return Dynamics("bicycle", spec, forward, inverse, coast, lambda a: a)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 
 from .. import geometry
 from ..motion import Motion
-from .base import Action, Continuous, Duration, Dynamics
+from .base import Action, Continuous, Duration, Dynamics, Size
 
 # What a policy may choose per step of 0.1 s, in the object's frame: forward and left
 # [m] and turn [rad]. Driving itself is not clipped.
@@ -26,7 +26,8 @@ def delta(frame: Literal["local", "global"] = "local") -> Dynamics:
             map's.
     """
 
-    def forward(motion: Motion, action: Action, dt: Duration) -> Motion:
+    def forward(motion: Motion, size: Size, action: Action, dt: Duration) -> Motion:
+        del size
         shift = action[..., :2]
         if frame == "local":
             shift = geometry.from_frame(shift, motion.yaw)
@@ -42,8 +43,8 @@ def delta(frame: Literal["local", "global"] = "local") -> Dynamics:
             shift = geometry.to_frame(shift, yaw)
         return jnp.concatenate([shift, turn[..., None]], axis=-1)
 
-    def inverse(before: Motion, after: Motion, dt: Duration) -> Action:
-        del dt
+    def inverse(before: Motion, after: Motion, size: Size, dt: Duration) -> Action:
+        del size, dt
         turn = geometry.wrap_angle(after.yaw - before.yaw)
         return act(after.xyz[..., :2] - before.xyz[..., :2], turn, before.yaw)
 
@@ -55,4 +56,4 @@ def delta(frame: Literal["local", "global"] = "local") -> Dynamics:
         if frame == "local"
         else Continuous(GLOBAL_LOW, GLOBAL_HIGH)
     )
-    return Dynamics(f"delta_{frame}", spec, forward, inverse, coast)
+    return Dynamics(f"delta_{frame}", spec, forward, inverse, coast, lambda a: a)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from ..motion import Motion
-from .base import Action, Continuous, Discrete, Duration, Dynamics
+from .base import Action, Continuous, Discrete, Duration, Dynamics, Size
 
 
 def to_index(
@@ -57,11 +57,14 @@ def discretize(dynamics: Dynamics, bins: tuple[int, ...]) -> Dynamics:
             f"got {bins}."
         )
 
-    def forward(motion: Motion, action: Action, dt: Duration) -> Motion:
-        return dynamics.forward(motion, to_action(action, spec, bins), dt)
+    def controls(action: Action) -> Float[Array, "*objects features"]:
+        return to_action(action, spec, bins)
 
-    def inverse(before: Motion, after: Motion, dt: Duration) -> Action:
-        return to_index(dynamics.inverse(before, after, dt), spec, bins)
+    def forward(motion: Motion, size: Size, action: Action, dt: Duration) -> Motion:
+        return dynamics.forward(motion, size, controls(action), dt)
+
+    def inverse(before: Motion, after: Motion, size: Size, dt: Duration) -> Action:
+        return to_index(dynamics.inverse(before, after, size, dt), spec, bins)
 
     def coast(motion: Motion, dt: Duration) -> Action:
         return to_index(dynamics.coast(motion, dt), spec, bins)
@@ -72,4 +75,5 @@ def discretize(dynamics: Dynamics, bins: tuple[int, ...]) -> Dynamics:
         forward,
         inverse,
         coast,
+        controls,
     )

@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from ..data.bank import Bank
 from ..dynamics.base import Action, ActionSpec
+from ..goals import Goal
 from ..metrics.base import Measure
 from ..motion import Motion
 from ..observations.base import Observation
@@ -24,23 +25,27 @@ class State(Record):
     history: Motion  # of the steps before, oldest first, with a leading axis
     object_size: Float[Array, "objects 3"]  # metres; constant in an episode
     sim_agent: Any  # what the sim agent remembers
+    goal: Goal  # constant in an episode
+    controls: Float[Array, "objects features"]  # of the last actions; coasting at first
+    key: PRNGKeyArray
 
 
 class Timestep(Record):
-    """What a step gives. An episode ends by truncation, when the log does."""
+    """What a step gives: to the ego in planning, to each object in multi-agent."""
 
-    reward: Float[Array, ""]  # of the state after the action
-    discount: Float[Array, ""]  # 0 where the task itself has ended
+    reward: Float[Array, "*objects"]  # of the state after the action
+    discount: Float[Array, "*objects"]  # of what follows; 0 where terminated
+    terminated: Bool[Array, "*objects"]  # the task itself has ended
     truncated: Bool[Array, ""]  # the log ends here
-    measures: dict[str, Measure]  # of the ego, after the action
+    measures: dict[str, Measure]  # after the action
 
 
 @dataclasses.dataclass(frozen=True)
 class Environment:
-    """A planning task: the ego is controlled, sim agents drive all others."""
+    """A task. What is controlled acts; sim agents drive all others."""
 
     action_spec: ActionSpec
-    reset: Callable[[Bank, Int[Array, ""]], State]
+    reset: Callable[[Bank, Int[Array, ""], PRNGKeyArray], State]
     step: Callable[[Bank, State, Action], tuple[State, Timestep]]
     observe: Callable[[Bank, State], Observation]
 

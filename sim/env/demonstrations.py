@@ -8,9 +8,9 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from ..data.bank import Bank
 from ..dynamics.base import Action, Dynamics
+from ..goals import logged_goal
 from ..metrics.build import EGO
-from ..observations.base import Observation
-from ..observations.vector import Observe
+from ..observations.base import Observation, Observer, View
 from ..records import Record
 from ..scene import Scene
 from .planning import object_of
@@ -27,24 +27,34 @@ class Demonstration(Record):
 Sample = Callable[[Bank, PRNGKeyArray], Demonstration]
 
 
-def demonstrations(dynamics: Dynamics, observe: Observe, history: int) -> Sample:
+def demonstrations(dynamics: Dynamics, observer: Observer) -> Sample:
     """Builds the function that draws one demonstration of a bank.
 
     A scenario and a simulated step are drawn uniformly; the observation is that of the
     log, the action the inverse dynamics between two logged motions.
     """
+    history = observer.history
 
     def sample(bank: Bank, key: PRNGKeyArray) -> Demonstration:
-        scenario_key, step_key = jax.random.split(key)
+        scenario_key, step_key, view_key = jax.random.split(key, 3)
         index = jax.random.randint(scenario_key, (), 0, bank.num_scenarios)
         scene = Scene(bank=bank, index=index)
         step = jax.random.randint(step_key, (), scene.current_step, scene.num_steps - 1)
         seen = jax.vmap(scene.log_at)(step - history + jnp.arange(history + 1))
-        here = object_of(jax.tree.map(lambda leaf: leaf[-1], seen), EGO)
-        there = object_of(scene.log_at(step + 1), EGO)
+        now = jax.tree.map(lambda leaf: leaf[-1], seen)
+        here, there = object_of(now, EGO), object_of(scene.log_at(step + 1), EGO)
+        view = View(
+            scene=scene,
+            step=step,
+            motion=seen,
+            object_size=scene.object_size,
+            goal=logged_goal(scene, scene.log_at(scene.current_step)),
+            controls=dynamics.controls(dynamics.coast(now, bank.dt)),
+            key=view_key,
+        )
         return Demonstration(
-            observation=observe(scene, seen, scene.object_size, step),
-            action=dynamics.inverse(here, there, bank.dt),
+            observation=observer.observe(view, jnp.int32(EGO)),
+            action=dynamics.inverse(here, there, view.object_size[EGO], bank.dt),
             weight=(here.valid & there.valid).astype(jnp.float32),
         )
 

@@ -31,7 +31,7 @@ def guided(dynamics: Dynamics, sim_agent: SimAgent) -> Driver:
         scene = Scene(bank=bank, index=state.index)
         memory, goal = sim_agent.step(scene, memory, state.motion, state.step)
         here, there = (object_of(motion, EGO) for motion in (state.motion, goal))
-        action = dynamics.inverse(here, there, bank.dt)
+        action = dynamics.inverse(here, there, state.object_size[EGO], bank.dt)
         held = dynamics.coast(here, bank.dt)
         return memory, jnp.where(there.valid, action, held)
 

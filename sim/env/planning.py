@@ -2,15 +2,15 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int
+from jaxtyping import Array, Int, PRNGKeyArray
 
 from ..data.bank import Bank
 from ..dynamics.base import Action, Dynamics
+from ..goals import logged_goal
 from ..metrics.base import Moment
 from ..metrics.build import EGO, measure_ego
 from ..motion import Motion
-from ..observations.base import Observation
-from ..observations.vector import Observe
+from ..observations.base import Observation, Observer, View
 from ..rewards import Reward
 from ..scene import Scene
 from ..sim_agents.base import SimAgent
@@ -20,38 +20,43 @@ from .base import Environment, State, Timestep
 def planning(
     dynamics: Dynamics,
     sim_agent: SimAgent,
-    observe: Observe,
+    observer: Observer,
     reward: Reward,
-    history: int,
 ) -> Environment:
     """Builds the environment.
 
     Args:
         dynamics: of the ego.
         sim_agent: drives all others.
-        observe: what the ego sees.
+        observer: what the ego sees.
         reward: of the state after the action.
-        history: steps before the present one that `observe` sees.
     """
+    history = observer.history
 
-    def reset(bank: Bank, index: Int[Array, ""]) -> State:
+    def reset(bank: Bank, index: Int[Array, ""], key: PRNGKeyArray) -> State:
         scene = Scene(bank=bank, index=index)
         step = scene.current_step
+        motion = scene.log_at(step)
+        coasting = dynamics.controls(dynamics.coast(motion, bank.dt))
         past = jax.vmap(scene.log_at)(step - history + jnp.arange(history))
         return State(
             index=index,
             step=step,
-            motion=scene.log_at(step),
+            motion=motion,
             history=past,
             object_size=scene.object_size,
             sim_agent=sim_agent.reset(scene),
+            goal=logged_goal(scene, motion),
+            controls=jnp.where(motion.valid[:, None], coasting, 0.0),
+            key=key,
         )
 
     def step(bank: Bank, state: State, action: Action) -> tuple[State, Timestep]:
         scene = Scene(bank=bank, index=state.index)
         logged = scene.log_at(state.step + 1)
         carry, others = sim_agent.step(scene, state.sim_agent, state.motion, state.step)
-        ego = dynamics.forward(object_of(state.motion, EGO), action, bank.dt)
+        before, size = object_of(state.motion, EGO), state.object_size[EGO]
+        ego = dynamics.forward(before, size, action, bank.dt)
         moved = jax.tree.map(lambda all_, one: all_.at[EGO].set(one), others, ego)
         motion = _on_the_ground(moved, state.motion, logged)
         moment = Moment(
@@ -61,6 +66,7 @@ def planning(
             before=state.motion,
             after=motion,
             logged=logged,
+            goal=state.goal,
         )
         measures = measure_ego(moment)
         following = state.replace(
@@ -68,10 +74,13 @@ def planning(
             motion=motion,
             history=_shift(state.history, state.motion),
             sim_agent=carry,
+            controls=state.controls.at[EGO].set(dynamics.controls(action)),
+            key=jax.random.fold_in(state.key, 0),
         )
         timestep = Timestep(
-            reward=reward(measures),
+            reward=reward(moment, jnp.int32(EGO), measures),
             discount=jnp.float32(1.0),
+            terminated=jnp.bool_(False),
             truncated=following.step + 1 >= scene.num_steps,
             measures=measures,
         )
@@ -84,7 +93,16 @@ def planning(
             state.history,
             state.motion,
         )
-        return observe(scene, seen, state.object_size, state.step)
+        view = View(
+            scene=scene,
+            step=state.step,
+            motion=seen,
+            object_size=state.object_size,
+            goal=state.goal,
+            controls=state.controls,
+            key=state.key,
+        )
+        return observer.observe(view, jnp.int32(EGO))
 
     return Environment(dynamics.action_spec, reset, step, observe_state)
 

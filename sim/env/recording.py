@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int, PRNGKeyArray
 
 from ..data.bank import Bank
+from ..goals import logged_goal
 from ..metrics.base import Measure, Moment
 from ..metrics.build import measure_all
 from ..motion import Motion
@@ -51,6 +52,7 @@ def record(
     before = jax.tree.map(lambda leaf: jnp.roll(leaf, 1, axis=0), motion)
     before = before.replace(valid=before.valid.at[0].set(False))
     size = scene.object_size
+    goal = logged_goal(scene, scene.log_at(scene.current_step))
 
     def measure(step, before, after, logged):
         return measure_all(
@@ -61,6 +63,7 @@ def record(
                 before=before,
                 after=after,
                 logged=logged,
+                goal=goal,
             )
         )
 

@@ -46,7 +46,8 @@ def rollout(
 
     scene = Scene(bank=bank, index=index)
     num_steps = scene.num_steps
-    state = env.reset(bank, index)
+    reset_key, key = jax.random.split(key)
+    state = env.reset(bank, index, reset_key)
     keys = jax.random.split(key, bank.sizes.num_simulated)
     _, steps = jax.lax.scan(step, (state, driver.reset(scene)), keys)
     return steps
@@ -64,7 +65,8 @@ def step_or_reset(
         timestep: tells whether the episode ended.
         key: chooses the next scenario.
     """
-    ended = timestep.truncated | (timestep.discount == 0)
-    index = jax.random.randint(key, (), 0, bank.num_scenarios)
-    fresh = env.reset(bank, index)
+    ended = timestep.truncated | jnp.all(timestep.terminated)
+    index_key, reset_key = jax.random.split(key)
+    index = jax.random.randint(index_key, (), 0, bank.num_scenarios)
+    fresh = env.reset(bank, index, reset_key)
     return jax.tree.map(lambda new, old: jnp.where(ended, new, old), fresh, state)

@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 from jaxtyping import Array, Bool, Float, Int
 
+from ..goals import Goal
 from ..motion import Motion
 from ..records import Record
 from ..scene import Scene
@@ -19,6 +20,7 @@ class Moment(Record):
     before: Motion
     after: Motion
     logged: Motion  # at the step after
+    goal: Goal
 
 
 class Measure(Record):

@@ -23,7 +23,8 @@ def measure(moment: Moment, number: Int[Array, ""]) -> Measure:
         jax.tree.map(lambda leaf: leaf[number], motion)
         for motion in (moment.before, moment.after)
     )
-    acceleration, curvature = bicycle.inverse(before, after, moment.scene.bank.dt)
+    size, dt = moment.object_size[number], moment.scene.bank.dt
+    acceleration, curvature = bicycle.inverse(before, after, size, dt)
     too_hard = jnp.abs(acceleration) > bicycle.MAX_ACCELERATION + ACCELERATION_SLACK
     too_tight = jnp.abs(curvature) > bicycle.MAX_CURVATURE + CURVATURE_SLACK
     valid = before.valid & after.valid

@@ -6,20 +6,18 @@ pieces of the map, the traffic lights, and places ahead on the route.
 
 import dataclasses
 import math
-from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Int
 
 from .. import geometry
 from ..metrics import route
-from ..metrics.build import EGO
 from ..motion import Motion
 from ..scenario import EDGES, LANES, NUM_MAP_TYPES, LightState, MapType, ObjectType
 from ..scene import Scene
-from .base import Observation, TokenGroup
+from .base import Observation, Observer, TokenGroup, View
 from .ego_frame import LENGTH_UNIT, SIZE_UNIT, EgoFrame, stack
 from .nearest import nearest
 
@@ -70,26 +68,13 @@ class VectorConfig:
                 )
 
 
-Observe = Callable[
-    [Scene, Motion, Float[Array, "objects 3"], Int[Array, ""]], Observation
-]
+def vector(config: VectorConfig) -> Observer:
+    """Builds the observer."""
 
-
-def vector(config: VectorConfig) -> Observe:
-    """Builds the observation function.
-
-    The function takes the scene, the motion of the last `history + 1` steps (oldest
-    first, with a leading axis of steps), the size of each object, and the present step.
-    """
-
-    def observe(
-        scene: Scene,
-        motion: Motion,
-        object_size: Float[Array, "objects 3"],
-        step: Int[Array, ""],
-    ) -> Observation:
+    def observe(view: View, number: Int[Array, ""]) -> Observation:
+        scene, motion, object_size = view.scene, view.motion, view.object_size
         now = jax.tree.map(lambda leaf: leaf[-1], motion)
-        ego = EgoFrame(xy=now.xy[EGO], yaw=now.yaw[EGO])
+        ego = EgoFrame(xy=now.xy[number], yaw=now.yaw[number])
         kinds = jnp.asarray(_OBJECT_KIND)[scene.object_type]
         seen = stack(
             ego.place(motion.xy),
@@ -99,16 +84,16 @@ def vector(config: VectorConfig) -> Observe:
             jnp.broadcast_to(kinds, (*motion.yaw.shape, kinds.shape[-1])),
         )
         groups = {
-            "ego": _tokens(seen[:, EGO : EGO + 1], motion.valid[:, EGO : EGO + 1]),
-            "objects": _objects(config, now, seen, motion.valid),
+            "ego": _tokens(seen[:, number, None], motion.valid[:, number, None]),
+            "objects": _objects(config, now, number, seen, motion.valid),
             "road": _road(config, scene, ego),
-            "lights": _lights(config, scene, ego, step),
+            "lights": _lights(config, scene, ego, view.step),
         }
         if config.num_route:
             groups["route"] = _route(config, scene, ego)
         return groups
 
-    return observe
+    return Observer(config.history, observe)
 
 
 def _tokens(values, mask) -> TokenGroup:
@@ -117,10 +102,10 @@ def _tokens(values, mask) -> TokenGroup:
     return TokenGroup(values=jnp.swapaxes(values, 0, 1), mask=mask.T)
 
 
-def _objects(config, now: Motion, seen, valid) -> TokenGroup:
-    distance = geometry.norm(now.xy - now.xy[EGO, None])
+def _objects(config, now: Motion, ego, seen, valid) -> TokenGroup:
+    distance = geometry.norm(now.xy - now.xy[ego, None])
     there = now.valid & (distance <= config.radius)
-    number, present = nearest(distance, there.at[EGO].set(False), config.num_objects)
+    number, present = nearest(distance, there.at[ego].set(False), config.num_objects)
     return _tokens(seen[:, number], valid[:, number] & present[None])
 
 

@@ -20,7 +20,7 @@ from drivetrain.sim.metrics import aggregate
 from drivetrain.sim.observations.vector import vector
 from tests import worlds
 from tests.learners import toy
-from tests.sim.env.planning_test import HISTORY, SMALL, env_of
+from tests.sim.env.planning_test import SMALL, env_of
 
 # The same rollout in two programs: 80 steps of float32 rounding at 100 m.
 ROUNDING = 1e-3
@@ -57,7 +57,10 @@ def test_training_is_one_program_without_the_host() -> None:
     env, mesh, bank = env_of("bicycle_discrete"), meshes.data_mesh(), sharded()
     local = jax.tree.map(lambda leaf: leaf[0], bank)
     observation = jax.eval_shape(
-        lambda bank: env.observe(bank, env.reset(bank, jnp.int32(0))), local
+        lambda bank: env.observe(
+            bank, env.reset(bank, jnp.int32(0), jax.random.key(0))
+        ),
+        local,
     )
     agent = agents.build(toy.SMALL, observation, env.action_spec)
     num_traces = 0
@@ -65,9 +68,7 @@ def test_training_is_one_program_without_the_host() -> None:
     def sample(bank, key):
         nonlocal num_traces
         num_traces += 1
-        draw = demonstrations(
-            dynamics.build("bicycle_discrete"), vector(SMALL), HISTORY
-        )
+        draw = demonstrations(dynamics.build("bicycle_discrete"), vector(SMALL))
         return draw(bank, key)
 
     config = learners.LearnerConfig(batch_size=4, learning_rate=1e-3)

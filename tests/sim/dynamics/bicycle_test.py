@@ -39,7 +39,7 @@ def actions(count: int, scale: float) -> jax.Array:
 def test_forward_equals_the_oracle(kind: str) -> None:
     before, _ = worlds.kicked_pairs(kind)
     action = actions(len(before.yaw), 1.5)
-    after = bicycle.forward(before, action, DT)
+    after = bicycle.forward(before, worlds.car_size(before), action, DT)
     expected = np.array(
         [
             oracle.bicycle_forward(state(before, i), *map(float, action[i]), DT)
@@ -57,7 +57,7 @@ def test_forward_equals_the_oracle(kind: str) -> None:
 @pytest.mark.parametrize("kind", worlds.KINDS)
 def test_inverse_equals_the_oracle(kind: str) -> None:
     before, after = worlds.kicked_pairs(kind)
-    action = np.asarray(bicycle.inverse(before, after, DT))
+    action = np.asarray(bicycle.inverse(before, after, worlds.car_size(before), DT))
     for i in range(len(before.yaw)):
         start, end = state(before, i), state(after, i)
         speed, speed_after = (np.hypot(s.vx, s.vy) for s in (start, end))
@@ -80,7 +80,12 @@ def test_inverse_undoes_forward_for_what_moves(kind: str) -> None:
     before, _ = worlds.kicked_pairs(kind)
     before = jax.tree.map(lambda leaf: leaf[np.asarray(before.speed) > 2], before)
     action = actions(len(before.yaw), 1.0)
-    undone = bicycle.inverse(before, bicycle.forward(before, action, DT), DT)
+    undone = bicycle.inverse(
+        before,
+        bicycle.forward(before, worlds.car_size(before), action, DT),
+        worlds.car_size(before),
+        DT,
+    )
     np.testing.assert_allclose(
         undone[:, 0], action[:, 0], rtol=0, atol=ACCELERATION_ROUNDING
     )
@@ -97,7 +102,12 @@ def test_full_braking_from_rest_is_no_half_turn() -> None:
         valid=jnp.bool_(True),
     )
     braking = jnp.array([-bicycle.MAX_ACCELERATION, 0.0])
-    _, curvature = bicycle.inverse(rest, bicycle.forward(rest, braking, DT), DT)
+    _, curvature = bicycle.inverse(
+        rest,
+        bicycle.forward(rest, worlds.car_size(rest), braking, DT),
+        worlds.car_size(rest),
+        DT,
+    )
     assert abs(curvature) * 0.03 < TURN_ROUNDING  # it rolls back by 3 cm
 
 
@@ -105,7 +115,12 @@ def test_what_goes_beyond_the_limits_is_clipped() -> None:
     before, _ = worlds.kicked_pairs("generated")
     limits = jnp.array([bicycle.MAX_ACCELERATION, bicycle.MAX_CURVATURE])
     at, beyond = (
-        bicycle.forward(before, jnp.tile(x * limits, (len(before.yaw), 1)), DT)
+        bicycle.forward(
+            before,
+            worlds.car_size(before),
+            jnp.tile(x * limits, (len(before.yaw), 1)),
+            DT,
+        )
         for x in (1.0, 5.0)
     )
     np.testing.assert_array_equal(at.xyz, beyond.xyz)
@@ -117,7 +132,9 @@ def test_gradients_are_those_of_finite_differences() -> None:
     one = jax.tree.map(lambda leaf: leaf[np.argmax(before.speed > 2)], before)
 
     def moved(action):
-        after = bicycle.forward(one.replace(xyz=jnp.zeros(3)), jnp.asarray(action), DT)
+        after = bicycle.forward(
+            one.replace(xyz=jnp.zeros(3)), worlds.car_size(one), jnp.asarray(action), DT
+        )
         return jnp.concatenate([after.xy, after.velocity, after.yaw[None]])
 
     check_grads(moved, (jnp.array([1.0, 0.1]),), 1, atol=GRADIENT, rtol=GRADIENT)
@@ -132,8 +149,12 @@ def test_gradients_are_finite_at_rest() -> None:
     )
 
     def drive(velocity, action):
-        after = bicycle.forward(rest.replace(velocity=velocity), action, DT)
-        back = bicycle.inverse(rest.replace(velocity=velocity), after, DT)
+        after = bicycle.forward(
+            rest.replace(velocity=velocity), worlds.car_size(rest), action, DT
+        )
+        back = bicycle.inverse(
+            rest.replace(velocity=velocity), after, worlds.car_size(rest), DT
+        )
         return jnp.sum(after.xy) + jnp.sum(after.velocity) + jnp.sum(back)
 
     gradients = jax.grad(drive, argnums=(0, 1))(jnp.zeros((1, 2)), jnp.zeros((1, 2)))

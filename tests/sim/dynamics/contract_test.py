@@ -37,7 +37,7 @@ def before() -> Motion:
 def test_height_and_validity_stay(name: str, before: Motion) -> None:
     dynamics = build.build(name)
     action = one_action(dynamics, len(before.yaw), 0)
-    after = dynamics.forward(before, action, DT)
+    after = dynamics.forward(before, worlds.car_size(before), action, DT)
     np.testing.assert_array_equal(after.xyz[:, 2], before.xyz[:, 2])
     np.testing.assert_array_equal(after.valid, before.valid)
 
@@ -46,10 +46,11 @@ def test_height_and_validity_stay(name: str, before: Motion) -> None:
 def test_one_object_moves_as_it_does_among_all(name: str, before: Motion) -> None:
     dynamics = build.build(name)
     action = one_action(dynamics, len(before.yaw), 1)
-    together = dynamics.forward(before, action, DT)
-    apart = jax.vmap(dynamics.forward, in_axes=(0, 0, None))(before, action, DT)
-    back = dynamics.inverse(before, together, DT)
-    back_apart = jax.vmap(dynamics.inverse, in_axes=(0, 0, None))(before, apart, DT)
+    size, axes = worlds.car_size(before), (0, 0, 0, None)
+    together = dynamics.forward(before, size, action, DT)
+    apart = jax.vmap(dynamics.forward, in_axes=axes)(before, size, action, DT)
+    back = dynamics.inverse(before, together, size, DT)
+    back_apart = jax.vmap(dynamics.inverse, in_axes=axes)(before, apart, size, DT)
     for all_, each in zip(
         jax.tree.leaves((together, back)),
         jax.tree.leaves((apart, back_apart)),
@@ -64,8 +65,13 @@ def test_inverse_undoes_forward(name: str, before: Motion) -> None:
     moving = np.asarray(before.speed) > 2  # a bicycle at rest cannot tell its turn
     before = jax.tree.map(lambda leaf: leaf[moving], before)
     action = one_action(dynamics, len(before.yaw), 2)
-    after = dynamics.forward(before, action, DT)
-    again = dynamics.forward(before, dynamics.inverse(before, after, DT), DT)
+    after = dynamics.forward(before, worlds.car_size(before), action, DT)
+    again = dynamics.forward(
+        before,
+        worlds.car_size(before),
+        dynamics.inverse(before, after, worlds.car_size(before), DT),
+        DT,
+    )
     np.testing.assert_allclose(again.xy, after.xy, rtol=0, atol=ROUNDING)
     turn = geometry.wrap_angle(again.yaw - after.yaw)
     np.testing.assert_allclose(turn, 0, atol=1e-5)
@@ -76,7 +82,9 @@ def test_coasting_holds_velocity_and_heading(name: str, before: Motion) -> None:
     dynamics = build.build(name)
     heading = geometry.direction(before.yaw)
     rolling = before.replace(velocity=before.speed[:, None] * heading)
-    after = dynamics.forward(rolling, dynamics.coast(rolling, DT), DT)
+    after = dynamics.forward(
+        rolling, worlds.car_size(rolling), dynamics.coast(rolling, DT), DT
+    )
     np.testing.assert_allclose(after.velocity, rolling.velocity, rtol=0, atol=1e-4)
     np.testing.assert_allclose(
         geometry.wrap_angle(after.yaw - rolling.yaw), 0, atol=1e-5
@@ -97,11 +105,15 @@ def test_gradients_are_finite_at_rest_in_one_place(name: str) -> None:
     action = dynamics.coast(rest, DT)
 
     def drive(velocity):
-        after = dynamics.forward(rest.replace(velocity=velocity), action, DT)
+        after = dynamics.forward(
+            rest.replace(velocity=velocity), worlds.car_size(rest), action, DT
+        )
         return jnp.sum(after.xy) + jnp.sum(after.velocity) + jnp.sum(after.yaw)
 
     assert np.isfinite(jax.grad(drive)(rest.velocity)).all()
-    assert np.isfinite(np.asarray(dynamics.inverse(rest, rest, DT))).all()
+    assert np.isfinite(
+        np.asarray(dynamics.inverse(rest, rest, worlds.car_size(rest), DT))
+    ).all()
 
 
 def test_a_wrong_name_is_told_with_its_cure() -> None:

@@ -31,7 +31,9 @@ def test_forward_equals_the_oracle(kind: str, frame: str) -> None:
     scale = (3.0, 0.5, 0.3)
     rng = np.random.default_rng(0)
     action = rng.normal(0, scale, (len(before.yaw), 3)).astype(np.float32)
-    after = delta(frame).forward(before, jnp.asarray(action), DT)
+    after = delta(frame).forward(
+        before, worlds.car_size(before), jnp.asarray(action), DT
+    )
     expected = np.array(
         [
             oracle.delta_forward(
@@ -52,7 +54,7 @@ def test_forward_equals_the_oracle(kind: str, frame: str) -> None:
 @pytest.mark.parametrize("frame", FRAMES)
 def test_inverse_equals_the_oracle(kind: str, frame: str) -> None:
     before, after = worlds.kicked_pairs(kind)
-    action = delta(frame).inverse(before, after, DT)
+    action = delta(frame).inverse(before, after, worlds.car_size(before), DT)
     expected = [
         oracle.delta_inverse(state(before, i), state(after, i), local=frame == "local")
         for i in range(len(before.yaw))
@@ -64,7 +66,12 @@ def test_inverse_equals_the_oracle(kind: str, frame: str) -> None:
 def test_forward_of_the_inverse_reaches_the_pose(frame: str) -> None:
     before, after = worlds.kicked_pairs("generated")
     dynamics = delta(frame)
-    reached = dynamics.forward(before, dynamics.inverse(before, after, DT), DT)
+    reached = dynamics.forward(
+        before,
+        worlds.car_size(before),
+        dynamics.inverse(before, after, worlds.car_size(before), DT),
+        DT,
+    )
     np.testing.assert_allclose(reached.xy, after.xy, rtol=0, atol=ROUNDING)
     turn = geometry.wrap_angle(reached.yaw - after.yaw)
     np.testing.assert_allclose(turn, 0, atol=2 * TURN_ROUNDING)
@@ -74,7 +81,7 @@ def test_forward_of_the_inverse_reaches_the_pose(frame: str) -> None:
 def test_the_velocity_is_that_of_the_move(frame: str) -> None:
     before, _ = worlds.kicked_pairs("generated")
     action = jnp.ones((len(before.yaw), 3))
-    after = delta(frame).forward(before, action, DT)
+    after = delta(frame).forward(before, worlds.car_size(before), action, DT)
     np.testing.assert_allclose(after.speed, np.sqrt(2) / DT, rtol=1e-6)
 
 
@@ -85,7 +92,7 @@ def test_gradients_are_finite_and_right_where_nothing_moves(frame: str) -> None:
     rest = rest.replace(velocity=jnp.zeros(2))
 
     def reach(action):
-        return jnp.sum(delta(frame).forward(rest, action, DT).xy)
+        return jnp.sum(delta(frame).forward(rest, worlds.car_size(rest), action, DT).xy)
 
     gradient = jax.grad(reach)(jnp.zeros(3))
     yaw = float(rest.yaw) if frame == "local" else 0.0

@@ -63,9 +63,11 @@ def test_halves_go_to_the_even_bin() -> None:
 def test_the_inverse_is_the_nearest_action_of_the_continuous_one(kind: str) -> None:
     before, after = worlds.kicked_pairs(kind)
     spec, bins = GRIDS[0]
-    continuous = np.asarray(bicycle().inverse(before, after, DT))
+    continuous = np.asarray(
+        bicycle().inverse(before, after, worlds.car_size(before), DT)
+    )
     discrete = discretize(bicycle(), bins)
-    index = jax.jit(discrete.inverse)(before, after, DT)
+    index = jax.jit(discrete.inverse)(before, after, worlds.car_size(before), DT)
     for i in range(len(index)):
         expected = oracle.discretize(
             np.float64(continuous[i]), spec.low, spec.high, bins
@@ -88,7 +90,9 @@ def test_a_step_is_that_of_the_grid_point() -> None:
     before, _ = worlds.kicked_pairs("generated")
     spec, bins = GRIDS[1]
     index = jnp.arange(len(before.yaw)) * 11
-    discrete = discretize(delta("local"), bins).forward(before, index, DT)
+    discrete = discretize(delta("local"), bins).forward(
+        before, worlds.car_size(before), index, DT
+    )
     action = to_action(index, spec, bins)
-    continuous = delta("local").forward(before, action, DT)
+    continuous = delta("local").forward(before, worlds.car_size(before), action, DT)
     np.testing.assert_array_equal(discrete.xyz, continuous.xyz)

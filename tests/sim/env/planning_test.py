@@ -32,7 +32,6 @@ def env_of(dynamics_name: str, sim_agent: str = "playback") -> Environment:
         sim_agents.build(sim_agent),
         vector(SMALL),
         rewards.weighted(rewards.SPARSE),
-        HISTORY,
     )
 
 
@@ -46,7 +45,7 @@ def played(dynamics_name: str, driver: str, index: int) -> Rollout:
 
 def test_reset_shows_the_log_up_to_the_current_step() -> None:
     bank = worlds.bank("generated")
-    state = env_of("delta").reset(bank, jnp.int32(1))
+    state = env_of("delta").reset(bank, jnp.int32(1), jax.random.key(0))
     scene = worlds.scene(bank, 1)
     for past in range(HISTORY):
         logged = worlds.log_at(scene, state.step - HISTORY + past)
@@ -93,7 +92,7 @@ def test_the_ego_stays_valid_and_keeps_the_height_of_the_log() -> None:
 def test_the_reward_is_that_of_the_state_after_the_action() -> None:
     env, bank = env_of("delta"), worlds.bank("generated")
     step = jax.jit(env.step)
-    state = env.reset(bank, jnp.int32(0))
+    state = env.reset(bank, jnp.int32(0), jax.random.key(0))
     _, calm = step(bank, state, jnp.zeros(3))
     # A jump of 200 m to the side leaves every generated road.
     _, jumped = step(bank, state, jnp.array([0.0, 200.0, 0.0]))
@@ -105,7 +104,7 @@ def test_the_reward_is_that_of_the_state_after_the_action() -> None:
 def test_an_episode_is_truncated_at_the_last_logged_step_only() -> None:
     env, bank = env_of("delta"), worlds.bank("generated")
     step = jax.jit(env.step)
-    state = env.reset(bank, jnp.int32(0))
+    state = env.reset(bank, jnp.int32(0), jax.random.key(0))
     for expected in (False, True):
         state = state.replace(step=jnp.int32(88 if not expected else 89))
         _, timestep = step(bank, state, jnp.zeros(3))
@@ -115,7 +114,7 @@ def test_an_episode_is_truncated_at_the_last_logged_step_only() -> None:
 
 def test_history_shifts_by_one_step() -> None:
     env, bank = env_of("delta"), worlds.bank("generated")
-    state = env.reset(bank, jnp.int32(0))
+    state = env.reset(bank, jnp.int32(0), jax.random.key(0))
     following, _ = jax.jit(env.step)(bank, state, jnp.zeros(3))
     np.testing.assert_array_equal(following.history.xyz[:-1], state.history.xyz[1:])
     np.testing.assert_array_equal(following.history.xyz[-1], state.motion.xyz)
@@ -123,7 +122,7 @@ def test_history_shifts_by_one_step() -> None:
 
 def test_a_finished_world_starts_again_elsewhere_and_others_go_on() -> None:
     env, bank = env_of("delta"), worlds.bank("generated")
-    state = env.reset(bank, jnp.int32(0)).replace(step=jnp.int32(60))
+    state = env.reset(bank, jnp.int32(0), jax.random.key(0)).replace(step=jnp.int32(60))
     state, timestep = jax.jit(env.step)(bank, state, jnp.zeros(3))
     on = step_or_reset(env, bank, state, timestep, jax.random.key(0))
     assert int(on.step) == 61 and int(on.index) == 0

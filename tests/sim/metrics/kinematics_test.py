@@ -62,7 +62,9 @@ def test_the_limits_hold_to_a_hundredth(excess: float) -> None:
         valid=jnp.ones_like(moment.before.valid),
     )
     limit = jnp.array([bicycle.MAX_ACCELERATION, 0.0])
-    after = bicycle.forward(before, jnp.tile(limit, (len(before.yaw), 1)), DT)
+    after = bicycle.forward(
+        before, worlds.car_size(before), jnp.tile(limit, (len(before.yaw), 1)), DT
+    )
     speed = after.speed + excess * DT
     faster = after.replace(velocity=after.velocity * (speed / after.speed)[:, None])
     measures = worlds.measure(moment.replace(before=before, after=faster))
@@ -78,7 +80,9 @@ def test_all_that_the_bicycle_does_is_feasible() -> None:
         )
         rolling = moment.before.replace(velocity=moment.before.speed[:, None] * heading)
         action = rng.choice([-1.0, 1.0], (len(heading), 2)) * limits
-        after = bicycle.forward(rolling, jnp.asarray(action, jnp.float32), DT)
+        after = bicycle.forward(
+            rolling, worlds.car_size(rolling), jnp.asarray(action, jnp.float32), DT
+        )
         measures = worlds.measure(moment.replace(before=rolling, after=after))
         np.testing.assert_array_equal(measures["kinematic"].value, 0)
 

@@ -30,8 +30,8 @@ def seen(index: int, kind: str = "generated") -> Observation:
 def observe(bank, index: int) -> Observation:
     scene = worlds.scene(bank, index)
     motion = jax.vmap(scene.log_at)(jnp.arange(STEP - CONFIG.history, STEP + 1))
-    look = jax.jit(vector(CONFIG))
-    return look(scene, motion, scene.object_size, jnp.int32(STEP))
+    look = jax.jit(vector(CONFIG).observe)
+    return look(worlds.view_of(scene, motion, STEP), jnp.int32(0))
 
 
 def in_ego_frame(xy: np.ndarray, ego_xy: np.ndarray, ego_yaw: float) -> np.ndarray:
@@ -143,7 +143,9 @@ def test_a_world_with_less_than_fits_is_masked() -> None:
     )
     scene = worlds.scene(worlds.bank("generated"), 0)
     motion = jax.vmap(scene.log_at)(jnp.arange(STEP - 1, STEP + 1))
-    observation = vector(many)(scene, motion, scene.object_size, jnp.int32(STEP))
+    observation = vector(many).observe(
+        worlds.view_of(scene, motion, STEP), jnp.int32(0)
+    )
     assert observation["objects"].values.shape[0] == 500
     assert int(observation["objects"].mask[:, -1].sum()) < 30
 
@@ -152,5 +154,7 @@ def test_a_route_less_observation_has_no_route() -> None:
     config = VectorConfig(history=0, num_route=0)
     scene = worlds.scene(worlds.bank("generated"), 0)
     motion = jax.tree.map(lambda leaf: leaf[None], scene.log_at(jnp.int32(STEP)))
-    observation = vector(config)(scene, motion, scene.object_size, jnp.int32(STEP))
+    observation = vector(config).observe(
+        worlds.view_of(scene, motion, STEP), jnp.int32(0)
+    )
     assert "route" not in observation
