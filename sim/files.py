@@ -1,4 +1,4 @@
-"""Writes files so that they are whole or absent, whenever the process is killed."""
+"""Writes files so that they are whole or absent, and says where they may lie."""
 
 import os
 import pathlib
@@ -18,6 +18,12 @@ def write_whole(path: str | os.PathLike[str], content: str | bytes) -> None:
     except OSError:
         part.unlink(missing_ok=True)
         raise
+
+
+def cache_folder() -> pathlib.Path:
+    """Returns the folder of what can be made again, such as compiled programs."""
+    root = os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache"
+    return pathlib.Path(root) / "drivetrain"
 
 
 def require_writable(path: pathlib.Path) -> None:

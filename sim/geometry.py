@@ -1,5 +1,7 @@
 """Does plane geometry of angles, frames and boxes, elementwise over leading axes."""
 
+import functools
+
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -60,6 +62,35 @@ def box_corners(
     return xy[..., None, :] + jnp.stack(corners, axis=-2)
 
 
+def boxes_gap(
+    xy_a: Float[Array, "*a 2"],
+    yaw_a: Float[Array, "*b"],
+    size_a: Float[Array, "*c n"],
+    xy_b: Float[Array, "*d 2"],
+    yaw_b: Float[Array, "*e"],
+    size_b: Float[Array, "*f m"],
+) -> Float[Array, "*g"]:
+    """Returns how far apart boxes are, by separating axes; negative if they overlap.
+
+    It is the widest gap along the directions of their four sides, which is never more
+    than the distance; of boxes that overlap, minus the shortest shift that parts them.
+    Heights are not looked at.
+    """
+    forward_a, forward_b = direction(yaw_a), direction(yaw_b)
+    cos = jnp.abs(dot(forward_a, forward_b))
+    sin = jnp.abs(cross(forward_a, forward_b))
+    length_a, width_a = size_a[..., 0] / 2, size_a[..., 1] / 2
+    length_b, width_b = size_b[..., 0] / 2, size_b[..., 1] / 2
+    offset = xy_b - xy_a
+    gaps = [
+        jnp.abs(dot(forward_a, offset)) - (length_a + length_b * cos + width_b * sin),
+        jnp.abs(cross(forward_a, offset)) - (width_a + length_b * sin + width_b * cos),
+        jnp.abs(dot(forward_b, offset)) - (length_b + length_a * cos + width_a * sin),
+        jnp.abs(cross(forward_b, offset)) - (width_b + length_a * sin + width_a * cos),
+    ]
+    return functools.reduce(jnp.maximum, gaps)
+
+
 def boxes_overlap(
     xy_a: Float[Array, "*a 2"],
     yaw_a: Float[Array, "*b"],
@@ -68,31 +99,12 @@ def boxes_overlap(
     yaw_b: Float[Array, "*e"],
     size_b: Float[Array, "*f m"],
 ) -> Bool[Array, "*g"]:
-    """Tells whether boxes share area, by separating axes; touching is no overlap.
+    """Tells whether boxes share area; touching is no overlap.
 
     Two boxes are apart if and only if they are apart along one of their four sides'
     directions. Heights are not looked at.
     """
-    forward_a, forward_b = direction(yaw_a), direction(yaw_b)
-    cos = jnp.abs(dot(forward_a, forward_b))
-    sin = jnp.abs(cross(forward_a, forward_b))
-    length_a, width_a = size_a[..., 0] / 2, size_a[..., 1] / 2
-    length_b, width_b = size_b[..., 0] / 2, size_b[..., 1] / 2
-    offset = xy_b - xy_a
-
-    along_a = (
-        jnp.abs(dot(forward_a, offset)) < length_a + length_b * cos + width_b * sin
-    )
-    across_a = (
-        jnp.abs(cross(forward_a, offset)) < width_a + length_b * sin + width_b * cos
-    )
-    along_b = (
-        jnp.abs(dot(forward_b, offset)) < length_b + length_a * cos + width_a * sin
-    )
-    across_b = (
-        jnp.abs(cross(forward_b, offset)) < width_b + length_a * sin + width_a * cos
-    )
-    return along_a & across_a & along_b & across_b
+    return boxes_gap(xy_a, yaw_a, size_a, xy_b, yaw_b, size_b) < 0
 
 
 def nearest_on_segment(

@@ -54,6 +54,7 @@ class MapType(enum.IntEnum):
 
 
 NUM_MAP_TYPES = len(MapType) + 1  # the codes run to 20, and 4 is not used
+SAME_LEVEL = 3.0  # metres between heights, up to which things share a road
 MAX_EXTENT = 10_000.0  # metres that a scene may reach
 MAX_TRAVEL = 5_000.0  # metres that the ego may travel
 LANES = (

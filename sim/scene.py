@@ -10,9 +10,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from . import geometry
+from . import edge_search, geometry, map_search
 from .data import edge_index, pack
 from .data.bank import Bank
+from .data.parts import POLYGONS
 from .motion import Motion
 from .records import Record
 
@@ -22,6 +23,8 @@ class Lights(Record):
 
     xyz: Float[Array, "lights 3"]  # stop points [m]
     state: Int[Array, " lights"]  # LightState
+    yaw: Float[Array, " lights"]  # of the lane at the stop point; zero without lane
+    has_lane: Bool[Array, " lights"]  # whether the lane is in the map
     valid: Bool[Array, " lights"]
 
 
@@ -32,6 +35,15 @@ class Segments(Record):
     end: Float[Array, "segments 3"]  # metres
     map_type: Int[Array, " segments"]  # MapType
     valid: Bool[Array, " segments"]
+
+
+class Points(Record):
+    """Points of map features, each with the one that follows it in its feature."""
+
+    xyz: Float[Array, "points 3"]  # metres
+    next_xyz: Float[Array, "points 3"]  # metres; of the last point, itself
+    map_type: Int[Array, " points"]  # MapType
+    valid: Bool[Array, " points"]
 
 
 class PathSegments(Record):
@@ -86,6 +98,11 @@ class Scene(Record):
         """The ObjectType of each object; zero in empty slots."""
         kinds = self._objects(self.bank.object_type).astype(jnp.int32)
         return jnp.where(self.object_mask, kinds, 0)
+
+    @property
+    def goal_feasible(self) -> Bool[Array, " objects"]:
+        """Whose log crosses no road edge on the way to its end (N app. E)."""
+        return self._objects(self.bank.goal_feasible) & self.object_mask
 
     def log_at(self, step: Int[Array, ""]) -> Motion:
         """Returns the logged motion of all objects at a step; none is valid outside."""
@@ -150,28 +167,87 @@ class Scene(Record):
         slots = jnp.arange(count) < self.bank.num_lights[self.index]
         valid = (state >= pack.LIGHT_VALID) & in_log & slots
         xyz = jax.lax.dynamic_slice_in_dim(self.bank.light_xyz, first, count)
+        yaw = jax.lax.dynamic_slice_in_dim(self.bank.light_yaw, first, count)
+        has_lane = jax.lax.dynamic_slice_in_dim(self.bank.light_has_lane, first, count)
+        has_lane &= valid
         return Lights(
             xyz=jnp.where(valid[:, None], self._metres(xyz), 0.0),
             state=jnp.where(valid, state % pack.LIGHT_VALID, 0).astype(jnp.int32),
+            yaw=jnp.where(has_lane, self._radians(yaw), 0.0),
+            has_lane=has_lane,
             valid=valid,
         )
 
     def map_segments(self) -> Segments:
         """Returns the whole map in pieces; signs are pieces of no length."""
+        vertices, map_type, joined, exists = self._vertices()
+        ended = jnp.roll(joined, 1).at[0].set(False)
+        return Segments(
+            start=vertices,
+            end=jnp.where(joined[:, None], jnp.roll(vertices, -1, axis=0), vertices),
+            map_type=map_type,
+            valid=exists & (joined | ~ended),
+        )
+
+    def stop_signs(self) -> tuple[Float[Array, "signs 3"], Bool[Array, " signs"]]:
+        """Returns the places of the stop signs [m], and which of them exist."""
+        bank, index = self.bank, self.index
+        first = bank.first_vertex[index] + bank.num_edge_vertices[index]
+        count = bank.sizes.num_stop_signs
+        stored = jax.lax.dynamic_slice_in_dim(bank.vertices, first, count)
+        return self._metres(stored), jnp.arange(count) < bank.num_stop_signs[index]
+
+    def nearest_pieces(
+        self, xy: Float[Array, " 2"], count: int, radius: float, by_segment: bool
+    ) -> Segments:
+        """Returns the pieces of the map nearest to a place, nearest first.
+
+        Args:
+            xy: the place [m].
+            count: how many to return; where fewer are near, the rest is not valid.
+            radius: beyond which none is near [m].
+            by_segment: whether the distance is that to the segment or to its start.
+        """
+        bank = self.bank
+        near = map_search.nearest_pieces(
+            bank, self.index, xy, map_search.Reach(count, radius, by_segment)
+        )
+        vertex = bank.first_vertex[self.index] + near.number
+        tag = bank.vertex_tag[vertex]
+        end = vertex + (tag >= pack.JOINED)
+        return Segments(
+            start=self._metres(bank.vertices[vertex]),
+            end=self._metres(bank.vertices[end]),
+            map_type=(tag % pack.JOINED).astype(jnp.int32),
+            valid=near.valid,
+        )
+
+    def map_points(self) -> Points:
+        """Returns every point of the map with the one that follows it.
+
+        Polygons end with their last corner: the point that closes them is left out.
+        """
+        vertices, map_type, joined, exists = self._vertices()
+        is_polygon = jnp.isin(map_type, jnp.array(POLYGONS))
+        closes = is_polygon & ~joined
+        has_next = joined & ~jnp.roll(closes, -1)
+        following = jnp.roll(vertices, -1, axis=0)
+        return Points(
+            xyz=vertices,
+            next_xyz=jnp.where(has_next[:, None], following, vertices),
+            map_type=map_type,
+            valid=exists & ~closes,
+        )
+
+    def _vertices(self):
+        """Returns places and kinds, whether a segment leads on, and which exist."""
         first = self.bank.first_vertex[self.index]
         count = self.bank.sizes.num_vertices
         stored = jax.lax.dynamic_slice_in_dim(self.bank.vertices, first, count)
         tag = jax.lax.dynamic_slice_in_dim(self.bank.vertex_tag, first, count)
-        vertices = self._metres(stored)
-        joined = tag >= pack.JOINED
-        ended = jnp.roll(joined, 1).at[0].set(False)
+        map_type = (tag % pack.JOINED).astype(jnp.int32)
         exists = jnp.arange(count) < self.bank.num_vertices[self.index]
-        return Segments(
-            start=vertices,
-            end=jnp.where(joined[:, None], jnp.roll(vertices, -1, axis=0), vertices),
-            map_type=(tag % pack.JOINED).astype(jnp.int32),
-            valid=exists & (joined | ~ended),
-        )
+        return self._metres(stored), map_type, tag >= pack.JOINED, exists
 
     def nearest_edge(self, points: Float[Array, "points 3"]) -> Edge:
         """Finds the nearest road edge of each point and the side on which it lies.
@@ -180,57 +256,53 @@ class Scene(Record):
         left of an edge; where the nearest place is a vertex, the edges that meet there
         decide together (see `pack`).
         """
-        bank, index = self.bank, self.index
-        first, count = edge_index.look_up(
-            points[:, :2],
-            bank.index_corner[index],
-            bank.index_shape[index],
-            bank.index_nodes,
-            bank.first_node[index],
-        )
-        slot = jnp.arange(edge_index.MAX_BLOCKS)
-        listed = slot[None] < count[:, None]
-        place = bank.first_block[index] + first[:, None] + slot[None]
-        place = jnp.where(listed, place, 0)
-        block = jnp.where(listed, bank.index_blocks[place].astype(jnp.int32), 0)
-        return jax.vmap(self._nearest_in_blocks)(points, block, listed)
+        found = edge_search.nearest_vertices(self.bank, self.index, points)
+        return jax.vmap(self._edge)(points, found)
 
-    def _nearest_in_blocks(self, point, block, listed) -> Edge:
-        in_block = jnp.arange(edge_index.BLOCK)
-        number = (edge_index.BLOCK * block[:, None] + in_block[None]).reshape(-1)
-        vertex = self.bank.first_vertex[self.index] + number
-        start = self._metres(self.bank.vertices[vertex])
-        end = self._metres(self.bank.vertices[vertex + 1])
-        tag = self.bank.vertex_tag[vertex]
-        is_edge = tag >= pack.JOINED
-        is_edge &= jnp.repeat(listed, edge_index.BLOCK)
-        is_edge &= number < self.bank.num_edge_vertices[self.index]
-
-        stretch = jnp.array([[1.0, 1.0, edge_index.HEIGHT_WEIGHT]])
-        point = point[None]
+    def _edge(self, point: Float[Array, " 3"], number: Int[Array, ""]) -> Edge:
+        """Returns where a point lies relative to the edge after a vertex."""
+        bank, exists = self.bank, number >= 0
+        number = jnp.maximum(number, 0)
+        vertex = bank.first_vertex[self.index] + number
+        ends = self._metres(bank.vertices[vertex + jnp.arange(2)])
+        stretch = jnp.array([1.0, 1.0, edge_index.HEIGHT_WEIGHT])
         share = geometry.nearest_on_segment(
-            point * stretch, start * stretch, end * stretch
+            point * stretch, ends[0] * stretch, ends[1] * stretch
         )
-        offset = point - (start + share[:, None] * (end - start))
-        squared = geometry.dot(offset * stretch, offset * stretch)
-        nearest = jnp.argmin(jnp.where(is_edge, squared, jnp.inf))
+        along = ends[1, :2] - ends[0, :2]
+        planar = point[:2] - ends[0, :2] - share * along
 
-        edge = self.bank.first_edge[self.index] + number[nearest]
-        at_end = (share[nearest] >= 1.0).astype(jnp.int32)
-        normal = self.bank.edge_normal[edge + at_end]
-        if not jnp.issubdtype(normal.dtype, jnp.floating):
-            normal = normal * jnp.float32(pack.YAW_QUANTUM)
-        inside = (share[nearest] > 0.0) & (share[nearest] < 1.0)
-        along = (end - start)[nearest, :2]
+        at_end = (share >= 1.0).astype(jnp.int32)
+        normal = bank.edge_normal[bank.first_edge[self.index] + number + at_end]
+        inside = (share > 0.0) & (share < 1.0)
         left = jnp.where(
-            inside, jnp.stack([-along[1], along[0]]), geometry.direction(normal)
+            inside,
+            jnp.stack([-along[1], along[0]]),
+            geometry.direction(self._radians(normal)),
         )
-        planar = offset[nearest, :2]
         off_road = geometry.dot(planar, left) < 0
         distance = geometry.norm(planar)
-        found = jnp.any(is_edge)
         signed = jnp.where(off_road, distance, -distance)
-        return Edge(signed_distance=jnp.where(found, signed, -jnp.inf), valid=found)
+        return Edge(signed_distance=jnp.where(exists, signed, -jnp.inf), valid=exists)
+
+    def touches_edge(
+        self,
+        xyz: Float[Array, " 3"],
+        yaw: Float[Array, ""],
+        size: Float[Array, " 3"],
+        level: float,
+    ) -> Bool[Array, ""]:
+        """Tells whether a closed box, seen from above, meets a road edge.
+
+        Args:
+            xyz: the box's centre [m].
+            yaw: of the box [rad].
+            size: length, width and height [m].
+            level: edge segments whose middle lies more than this [m] above or below
+                the centre are not looked at.
+        """
+        box = map_search.FlatBox(xyz=xyz, yaw=yaw, size=size)
+        return map_search.touches_edge(self.bank, self.index, box, level)
 
     def path_segments(self) -> PathSegments:
         """Returns the ways that the ego could take, in pieces."""
@@ -259,6 +331,11 @@ class Scene(Record):
         first = self.bank.first_object[self.index]
         count = self.bank.sizes.num_objects
         return jax.lax.dynamic_slice_in_dim(table, first, count)
+
+    def _radians(self, stored: Array) -> Array:
+        if jnp.issubdtype(stored.dtype, jnp.floating):
+            return stored
+        return stored * jnp.float32(pack.YAW_QUANTUM)
 
     def _metres(self, stored: Array) -> Array:
         metres = self.bank.quantum[self.index] * stored

@@ -25,6 +25,8 @@ class Sizes:
     num_simulated: int  # steps after the current one
     num_objects: int
     num_vertices: int
+    num_edge_vertices: int
+    num_stop_signs: int
     num_lights: int
     num_path_vertices: int
     num_paths: int
@@ -43,6 +45,8 @@ class Sizes:
             num_simulated=max(s.num_steps - 1 - s.current_step for s in scenarios),
             num_objects=min(max(len(s.object_id) for s in scenarios), max_objects),
             num_vertices=max(len(s.vertices) for s in scenarios),
+            num_edge_vertices=max(len(s.edge_normal) for s in scenarios),
+            num_stop_signs=max(1, *(s.num_stop_signs for s in scenarios)),
             num_lights=max(1, *(len(s.light_xyz) for s in scenarios)),
             num_path_vertices=max(len(s.path_vertices) for s in scenarios),
             num_paths=max(len(s.path_on_route) for s in scenarios),
@@ -67,6 +71,7 @@ class Bank(Record):
     num_objects: Int[Array, " scenarios"]
     object_type: Int[Array, " objects"]
     object_size: Float[Array, "objects 3"]
+    goal_feasible: Bool[Array, " objects"]
     valid_bits: Int[Array, "objects words"]
     first_row: Int[Array, " objects"]  # of the object in the two tables that follow
     poses: Array  # [rows, 3]
@@ -79,17 +84,26 @@ class Bank(Record):
     first_edge: Int[Array, " scenarios"]
     num_edge_vertices: Int[Array, " scenarios"]
     edge_normal: Array  # [edge vertices]
+    num_stop_signs: Int[Array, " scenarios"]
     index_corner: Float[Array, "scenarios 2"]
     index_shape: Int[Array, "scenarios 2"]
     first_node: Int[Array, " scenarios"]
     index_nodes: Int[Array, " nodes"]
     first_block: Int[Array, " scenarios"]
     index_blocks: Int[Array, " candidates"]
+    tile_corner: Float[Array, "scenarios 2"]
+    tile_shape: Int[Array, "scenarios 2"]
+    first_tile: Int[Array, " scenarios"]
+    tile_starts: Int[Array, " tiles"]
+    tile_pieces: Int[Array, " vertices"]
+    tile_reach: Float[Array, " scenarios"]
 
     first_light: Int[Array, " scenarios"]
     num_lights: Int[Array, " scenarios"]
     light_xyz: Array  # [lights, 3]
     light_state: Int[Array, "lights steps"]
+    light_yaw: Array  # [lights]
+    light_has_lane: Bool[Array, " lights"]
 
     first_path_vertex: Int[Array, " scenarios"]
     num_path_vertices: Int[Array, " scenarios"]
@@ -144,6 +158,7 @@ def build(scenarios: Sequence[Packed], sizes: Sizes) -> Bank:
         num_objects=count("object_type"),
         object_type=table("object_type", sizes.num_objects),
         object_size=table("object_size", sizes.num_objects),
+        goal_feasible=table("goal_feasible", sizes.num_objects),
         valid_bits=table("valid_bits", sizes.num_objects),
         first_row=np.append(
             _starts(np.concatenate([_num_valid(s) for s in kept])),
@@ -157,6 +172,7 @@ def build(scenarios: Sequence[Packed], sizes: Sizes) -> Bank:
         vertex_tag=table("vertex_tag", sizes.num_vertices),
         first_edge=first("edge_normal"),
         num_edge_vertices=count("edge_normal"),
+        num_stop_signs=np.array([s.num_stop_signs for s in kept], np.int32),
         edge_normal=table("edge_normal", sizes.num_vertices),
         index_corner=np.stack([s.index_corner for s in kept]),
         index_shape=np.stack([s.index_shape for s in kept]),
@@ -164,10 +180,18 @@ def build(scenarios: Sequence[Packed], sizes: Sizes) -> Bank:
         index_nodes=table("index_nodes", 1),
         first_block=first("index_blocks"),
         index_blocks=table("index_blocks", 1),
+        tile_corner=np.stack([s.tile_corner for s in kept]),
+        tile_shape=np.stack([s.tile_shape for s in kept]),
+        first_tile=first("tile_starts"),
+        tile_starts=table("tile_starts", 1),
+        tile_pieces=table("tile_pieces", sizes.num_vertices),
+        tile_reach=np.array([s.tile_reach for s in kept], np.float32),
         first_light=first("light_xyz"),
         num_lights=count("light_xyz"),
         light_xyz=table("light_xyz", sizes.num_lights),
         light_state=table("light_state", sizes.num_lights),
+        light_yaw=table("light_yaw", sizes.num_lights),
+        light_has_lane=table("light_has_lane", sizes.num_lights),
         first_path_vertex=first("path_vertices"),
         num_path_vertices=count("path_vertices"),
         path_vertices=table("path_vertices", sizes.num_path_vertices),
@@ -239,6 +263,7 @@ def _keep_objects(scenario: Packed, sizes: Sizes) -> Packed:
         object_id=scenario.object_id[kept],
         object_type=scenario.object_type[kept],
         object_size=scenario.object_size[kept],
+        goal_feasible=scenario.goal_feasible[kept],
         valid_bits=np.pad(scenario.valid_bits[kept], [(0, 0), (0, words)]),
         poses=scenario.poses[:num_rows],
         turns=scenario.turns[:num_rows],

@@ -13,13 +13,16 @@ from jaxtyping import Bool, Float, Integer
 from ..scenario import (
     EDGES,
     Lights,
+    MapType,
     Paths,
     Polylines,
     Scenario,
     ScenarioError,
     Tracks,
 )
-from . import edge_index, routes
+from . import edge_index, edge_sides, routes, tiles
+from .feasibility import goal_feasible
+from .lights import lane_directions, seen_lights
 from .simplify import kept_points
 
 JOINED = 32  # added to the map type of a vertex from which a segment leads on
@@ -70,19 +73,28 @@ class Packed:
     object_id: Integer[np.ndarray, " objects"]
     object_type: Integer[np.ndarray, " objects"]
     object_size: Float[np.ndarray, "objects 3"]
+    goal_feasible: Bool[np.ndarray, " objects"]  # the log crosses no road edge
     valid_bits: Integer[np.ndarray, "objects words"]  # bit t % 32 of word t // 32
     poses: np.ndarray  # [valid object-steps, 3], object after object
     turns: np.ndarray  # [valid object-steps, 3]: yaw and velocity
-    vertices: np.ndarray  # [vertices, 3], road edges first
+    vertices: np.ndarray  # [vertices, 3], first road edges, then stop signs
     vertex_tag: Integer[np.ndarray, " vertices"]  # map type, plus JOINED
     edge_normal: np.ndarray  # [edge vertices]: direction towards the road
+    num_stop_signs: int  # whose vertices follow those of the edges
     index_corner: Float[np.ndarray, " 2"]
     index_shape: Integer[np.ndarray, " 2"]
     index_nodes: Integer[np.ndarray, " nodes"]
     index_blocks: Integer[np.ndarray, " candidates"]
     num_index_dropped: int
+    tile_corner: Float[np.ndarray, " 2"]
+    tile_shape: Integer[np.ndarray, " 2"]
+    tile_starts: Integer[np.ndarray, " tiles_plus_1"]
+    tile_pieces: Integer[np.ndarray, " vertices"]
+    tile_reach: float
     light_xyz: np.ndarray  # [lights, 3]
     light_state: Integer[np.ndarray, "lights steps"]  # state, plus LIGHT_VALID
+    light_yaw: np.ndarray  # [lights]: direction of the lane at the stop point
+    light_has_lane: Bool[np.ndarray, " lights"]  # whether the map has the lane
     path_vertices: np.ndarray  # [path vertices, 2]
     path_arc: Float[np.ndarray, " path_vertices"]  # along the path [m]
     path_offset: Integer[np.ndarray, " paths_plus_1"]
@@ -100,11 +112,12 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
     """Packs a scenario that passed `scenario.check`; finds its paths if it has none.
 
     Raises:
-        ScenarioError: if it has more road edges than the index can number.
+        ScenarioError: if it has more road edges, or a larger map, than can be numbered.
     """
     paths = routes.paths_of(scenario)
     tracks, origin = scenario.tracks, scenario.origin
-    lights = _seen_lights(scenario.lights)
+    lights = seen_lights(scenario.lights)
+    light_yaw, light_has_lane = lane_directions(lights, scenario.roads)
     order = _object_order(tracks, scenario.ego_index)
     valid = tracks.valid[order]
     centre, quantum = _coordinates(scenario, lights, paths, config.quantize)
@@ -120,6 +133,7 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
             f"{edge_index.MAX_VERTICES:,} fit; cut the map"
         )
     index = edge_index.build(edges, joined)
+    tiling = tiles.build(scale.decode(vertices) - origin, tag >= JOINED)
     path_vertices, path_offset = _paths(paths, scale, config)
     arc, log_arc = _arc_lengths(
         scale.decode(path_vertices), path_offset, _logged_ends(scenario)
@@ -138,6 +152,14 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
         object_id=tracks.object_id[order].astype(np.int64),
         object_type=tracks.object_type[order].astype(np.int8),
         object_size=tracks.size[order].astype(np.float32),
+        goal_feasible=goal_feasible(
+            tracks.xyz[order] - origin,
+            tracks.yaw[order],
+            tracks.size[order],
+            valid,
+            edges,
+            joined,
+        ),
         valid_bits=_bits(valid),
         poses=scale.encode(tracks.xyz[order][valid]),
         turns=_encode_turns(
@@ -145,14 +167,22 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
         ),
         vertices=vertices,
         vertex_tag=tag,
-        edge_normal=_encode_yaw(_edge_normals(edges, joined), config.quantize),
+        num_stop_signs=int(np.sum(tag & (JOINED - 1) == MapType.STOP_SIGN)),
+        edge_normal=_encode_yaw(edge_sides.normals(edges, joined), config.quantize),
         index_corner=index.corner.astype(np.float32),
         index_shape=index.shape,
         index_nodes=index.nodes,
         index_blocks=index.blocks.astype(np.uint16),
         num_index_dropped=index.num_dropped,
+        tile_corner=tiling.corner,
+        tile_shape=tiling.shape,
+        tile_starts=tiling.starts,
+        tile_pieces=tiling.pieces,
+        tile_reach=tiling.reach,
         light_xyz=scale.encode(lights.xyz),
         light_state=(lights.state + LIGHT_VALID * lights.valid).astype(np.uint8),
+        light_yaw=_encode_yaw(light_yaw, config.quantize),
+        light_has_lane=light_has_lane,
         path_vertices=path_vertices[:, :2],
         path_arc=arc.astype(np.float32),
         path_offset=path_offset.astype(np.int32),
@@ -177,17 +207,6 @@ class _Scale:
 
     def decode(self, stored):
         return self.centre + self.quantum * stored.astype(np.float64)
-
-
-def _seen_lights(lights: Lights) -> Lights:
-    """Leaves out lights that were never seen: they have no place."""
-    seen = lights.valid.any(axis=1)
-    return Lights(
-        lane_id=lights.lane_id[seen],
-        xyz=lights.xyz[seen],
-        state=lights.state[seen],
-        valid=lights.valid[seen],
-    )
 
 
 def _coordinates(scenario: Scenario, lights: Lights, paths: Paths, quantize: bool):
@@ -247,10 +266,11 @@ def _encode_turns(yaw, velocity, quantize: bool):
 
 
 def _map(roads: Polylines, scale: _Scale, config: PackConfig):
-    """Returns the stored vertices of the map and their tags, road edges first."""
+    """Returns the stored vertices of the map and their tags, as `Packed` sorts them."""
     lengths = np.diff(roads.offset)
     is_edge = np.isin(roads.map_type, EDGES)
-    features = np.concatenate([np.flatnonzero(is_edge), np.flatnonzero(~is_edge)])
+    is_sign = roads.map_type == MapType.STOP_SIGN
+    features = np.lexsort([~is_sign, ~is_edge])
     features = features[lengths[features] > 0]
     every = np.arange(len(roads.xyz))
     points = np.concatenate(
@@ -259,7 +279,7 @@ def _map(roads: Polylines, scale: _Scale, config: PackConfig):
     feature = np.repeat(np.arange(len(features)), lengths[features])
     if config.quantize:
         offset = np.searchsorted(feature, np.arange(len(features) + 1))
-        kept = kept_points(roads.xyz[points], offset, config.simplify)
+        kept = kept_points(roads.xyz[points], offset, config.simplify, tiles.MAX_PIECE)
         points, feature = points[kept], feature[kept]
     stored = scale.encode(roads.xyz[points])
     repeats = np.append(False, (feature[1:] == feature[:-1]) & _same(stored))
@@ -271,29 +291,6 @@ def _map(roads: Polylines, scale: _Scale, config: PackConfig):
 
 def _same(stored):
     return (stored[1:] == stored[:-1]).all(axis=1)
-
-
-def _edge_normals(edges, joined) -> Float[np.ndarray, " edge_vertices"]:
-    """Returns the direction from each edge vertex towards the road [rad].
-
-    It is the mean of the left normals of all edge segments that end in the place of the
-    vertex, whichever edge they belong to: maps break edges into pieces.
-    """
-    if not len(edges):
-        return np.zeros(0)
-    start = np.flatnonzero(joined)
-    along = edges[start + 1, :2] - edges[start, :2]
-    length = np.linalg.norm(along, axis=1, keepdims=True)
-    left = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.where(
-        length > 0, length, 1
-    )
-    _, place = np.unique(np.round(edges / QUANTUM), axis=0, return_inverse=True)
-    total = np.zeros((place.max() + 1, 2))
-    np.add.at(total, place[start], left)
-    np.add.at(total, place[start + 1], left)
-    folded = np.linalg.norm(total, axis=1) < 1e-6  # an edge that turns back on itself
-    total[place[start[folded[place[start]]]]] = left[folded[place[start]]]
-    return np.arctan2(total[place, 1], total[place, 0])
 
 
 def _paths(paths: Paths, scale: _Scale, config: PackConfig):

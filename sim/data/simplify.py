@@ -8,6 +8,7 @@ def kept_points(
     xyz: Float[np.ndarray, "points 3"],
     offset: Int[np.ndarray, " features_plus_1"],
     tolerance: float,
+    longest: float = np.inf,
 ) -> Bool[np.ndarray, " points"]:
     """Marks the points that the simplified polylines keep.
 
@@ -19,6 +20,8 @@ def kept_points(
         xyz: points of all polylines, one after the other [m].
         offset: first point of each polyline, and the number of points; none is empty.
         tolerance: the greatest distance from a dropped point to its chord [m].
+        longest: a point is kept at least this often along a polyline [m], as far as
+            it has points.
 
     Returns:
         True for kept points; the ends of each polyline always are.
@@ -26,6 +29,9 @@ def kept_points(
     kept = np.zeros(len(xyz), bool)
     kept[offset[:-1]] = True
     kept[offset[1:] - 1] = True
+    arc = np.cumsum(np.linalg.norm(np.diff(xyz, axis=0, prepend=xyz[:1]), axis=1))
+    arc -= np.repeat(arc[offset[:-1]], np.diff(offset))
+    kept[1:] |= arc[1:] // longest > arc[:-1] // longest
     open_points = np.flatnonzero(~kept)
     while len(open_points):
         kept_index = np.flatnonzero(kept)

@@ -56,6 +56,7 @@ def shown(banked: Bank, index: jax.Array, points: jax.Array) -> dict[str, Any]:
         "lights": jax.vmap(scene.lights_at)(steps),
         "size": scene.object_size,
         "type": scene.object_type,
+        "feasible": scene.goal_feasible,
         "edges": scene.nearest_edge(points),
         "segments": scene.map_segments(),
         "paths": scene.path_segments(),

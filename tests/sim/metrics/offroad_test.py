@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 from drivetrain.sim.data import synthetic
 from drivetrain.sim.data.pack import PackConfig, pack
 from drivetrain.sim.geometry import box_corners
+from drivetrain.sim.metrics.aggregate import FLAGS
 from drivetrain.sim.scene import Edge, Scene
 from tests import worlds
 from tests.oracles import geometry, metrics as oracle
@@ -133,7 +134,7 @@ def test_quantised_flags_agree_but_for_near_ties(kind: str) -> None:
     for _, moment, exact in worlds.samples(kind):
         scene = moment.scene.replace(bank=coarse)
         measures = worlds.measure(moment.replace(scene=scene))
-        for name in ("collision", "offroad", "kinematic", "offroute"):
+        for name in FLAGS:
             same = np.asarray(exact[name].value == measures[name].value)
             agree.append(same[np.asarray(exact[name].valid)])
         after, size = moment.after, moment.object_size
