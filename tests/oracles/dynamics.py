@@ -1,4 +1,4 @@
-"""Oracle of the dynamics: Waymax paper A.1, equations 1 to 3, and uniform bins.
+"""Oracle of the dynamics: Waymax paper A.1, Nocturne paper D, and uniform bins.
 
 Written from `definitions.md` section 2 alone, for one object, in float64.
 """
@@ -59,6 +59,12 @@ def delta_inverse(
     return dx, dy, geometry.wrap_angle(after.yaw - before.yaw)
 
 
+def signed_speed(state: State) -> float:
+    """Returns the length of the velocity, negative where it points backwards [m/s]."""
+    along = state.vx * math.cos(state.yaw) + state.vy * math.sin(state.yaw)
+    return math.copysign(math.hypot(state.vx, state.vy), -1.0 if along < 0 else 1.0)
+
+
 def bicycle_forward(
     state: State, acceleration: float, curvature: float, dt: float
 ) -> State:
@@ -69,14 +75,14 @@ def bicycle_forward(
         v' = v + a dt, along yaw'
 
     Args:
-        state: before the step; v is the length of its velocity.
+        state: before the step; v is its signed speed.
         acceleration: clipped to +-6 m/s^2.
         curvature: clipped to +-0.3 1/m.
         dt: length of the step [s].
     """
     a = min(max(acceleration, -MAX_ACCELERATION), MAX_ACCELERATION)
     k = min(max(curvature, -MAX_CURVATURE), MAX_CURVATURE)
-    v = math.hypot(state.vx, state.vy)
+    v = signed_speed(state)
 
     x = state.x + state.vx * dt + a * math.cos(state.yaw) * dt**2 / 2
     y = state.y + state.vy * dt + a * math.sin(state.yaw) * dt**2 / 2
@@ -86,36 +92,93 @@ def bicycle_forward(
 
 
 def bicycle_inverse(
-    before: State, after: State, dt: float, moving_speed: float = 0.6
+    before: State, after: State, dt: float, moving_speed: float
 ) -> tuple[float, float]:
     """Estimates the (acceleration, curvature) between two states (equation 3).
 
-        a = (v' - v) / dt
-        k = (yaw' - yaw) / (v dt + a dt^2 / 2)
-
-    yaw' is the direction of the velocity after the step, atan2(vy', vx') where the
-    paper prints arctan(vx'/vy'); it is the yaw of the pose where the object stands.
+    yaw' of `bicycle_between` is the direction of the velocity after the step,
+    atan2(vy', vx') where the paper prints arctan(vx'/vy'), turned round in reverse; it
+    is the yaw of the pose where the object stands.
 
     Args:
         before: the state before the step.
         after: the state after the step.
         dt: length of the step [s].
         moving_speed: an object stands up to this speed after the step [m/s].
+    """
+    yaw_after = after.yaw
+    if math.hypot(after.vx, after.vy) > moving_speed:
+        yaw_after = math.atan2(after.vy, after.vx)
+        if signed_speed(after) < 0:
+            yaw_after += math.pi
+    return bicycle_between(before, after, yaw_after - before.yaw, dt)
+
+
+def bicycle_between(
+    before: State, after: State, turn: float, dt: float
+) -> tuple[float, float]:
+    """Returns the (acceleration, curvature) of a step that turns by an angle.
+
+        a = (v' - v) / dt
+        k = turn / (v dt + a dt^2 / 2)
 
     Returns:
         The acceleration [m/s^2] and the curvature [1/m], neither clipped; the curvature
         is 0 where the distance is below 1 mm.
     """
-    v = math.hypot(before.vx, before.vy)
-    v_after = math.hypot(after.vx, after.vy)
+    v, v_after = signed_speed(before), signed_speed(after)
     a = (v_after - v) / dt
     distance = v * dt + a * dt**2 / 2
-
-    moves = v_after > moving_speed
-    yaw_after = math.atan2(after.vy, after.vx) if moves else after.yaw
     if abs(distance) < MIN_DISTANCE:
         return a, 0.0
-    return a, geometry.wrap_angle(yaw_after - before.yaw) / distance
+    return a, geometry.wrap_angle(turn) / distance
+
+
+def kinematic_bicycle_forward(
+    state: State, length: float, acceleration: float, steering: float, dt: float
+) -> State:
+    """Advances an object by the kinematic bicycle of Nocturne (appendix D).
+
+        u = v + a dt / 2, beta = atan(tan(s) / 2)
+        x' = x + u cos(yaw + beta) dt, and y' alike with sin
+        yaw' = yaw + u cos(beta) tan(s) / L dt
+        v' = v + a dt, along yaw'
+
+    Args:
+        state: before the step; v is its signed speed.
+        length: L, of the whole vehicle [m].
+        acceleration: a [m/s^2].
+        steering: s [rad].
+        dt: length of the step [s].
+    """
+    v = signed_speed(state)
+    u = v + acceleration * dt / 2
+    beta = math.atan(0.5 * math.tan(steering))
+    x = state.x + u * math.cos(state.yaw + beta) * dt
+    y = state.y + u * math.sin(state.yaw + beta) * dt
+    rate = u * math.cos(beta) * math.tan(steering) / length
+    yaw = geometry.wrap_angle(state.yaw + rate * dt)
+    speed = v + acceleration * dt
+    return State(x, y, yaw, speed * math.cos(yaw), speed * math.sin(yaw))
+
+
+def kinematic_bicycle_inverse(
+    before: State, after: State, length: float, dt: float
+) -> tuple[float, float]:
+    """Returns the (acceleration, steering) between two states (appendix D).
+
+        a = (v' - v) / dt
+        s = atan(2 C / sqrt(4 - C^2)), C = 2 L w / (v + v')
+
+    Returns:
+        The acceleration [m/s^2] and the steering [rad]: NaN where |C| >= 2 or both
+        speeds are 0.
+    """
+    v, v_after = signed_speed(before), signed_speed(after)
+    w = geometry.wrap_angle(after.yaw - before.yaw) / dt
+    c = 2 * length * w / (v + v_after) if v + v_after else math.nan
+    s = math.atan(2 * c / math.sqrt(4 - c**2)) if abs(c) < 2 else math.nan
+    return (v_after - v) / dt, s
 
 
 def discretize(
