@@ -21,6 +21,7 @@ Row = dict[str, str | int | float | None]
 NUM_RESAMPLES = 1000  # puts the bounds within a twentieth of the interval's width
 PERCENTILES = (2.5, 97.5)
 WIDE_COLUMNS = 100  # characters from which agent and sim agent get a column each
+METRIC_WIDTH = 10  # characters of a metric's column, and of half of the names'
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -43,6 +44,11 @@ COLUMNS = tuple(
         ("kinematic", "Kinematic", "pct", "%", 100.0),
         ("log_ade", "Log ADE", "m", "m", 1.0),
         ("progress", "Progress", "pct", "%", 100.0),
+        ("wrong_way", "Wrong way", "pct", "%", 100.0),
+        ("red_light", "Red light", "pct", "%", 100.0),
+        ("edge_contact", "Road edge", "pct", "%", 100.0),
+        ("goal", "Goal", "pct", "%", 100.0),
+        ("log_fde", "Log FDE", "m", "m", 1.0),
     )
 )
 
@@ -56,15 +62,15 @@ def summarize(
 ) -> Row:
     """Makes the row of one evaluation (`definitions.md` section 7).
 
-    Rates are percentages of episodes that were flagged; displacement and progress are
+    Rates are percentages of episodes that were flagged; displacements and progress are
     means over episodes. Where an episode has no value for a metric, the metric is the
     mean over the others, and `<metric>_episodes` says over how many. The interval is
     the percentile bootstrap (Efron & Tibshirani 1993, chapter 13) over those episodes:
     of a rate of 0 or 100 % it is a single point.
 
     Args:
-        episodes: by metric, whether each episode was flagged (`collision`, `offroad`,
-            `offroute`, `kinematic`), its `log_ade` [m] or its `progress` [ratio];
+        episodes: by metric, whether each episode was flagged, its `log_ade` and
+            `log_fde` [m] or its `progress` [ratio] (see `aggregate.summarize`);
             `<metric>_mask` is False where an episode has no such value. A value that is
             not finite counts as absent.
         agent: who drove the ego.
@@ -174,13 +180,27 @@ def notes(rows: Sequence[Row]) -> list[str]:
     return sentences
 
 
-def terminal(rows: Sequence[Row], title: str, width: int) -> rich_table.Table:
-    """Makes the table for a terminal of a width in characters, at least 80."""
+def terminal(rows: Sequence[Row], title: str, width: int) -> rich_console.Group:
+    """Makes the table for a terminal of a width in characters, at least 80.
+
+    Metrics that do not fit beside the others stand in a second table under the first.
+    """
     is_wide = width >= WIDE_COLUMNS
+    columns = columns_of(rows)
+    fitting = width // METRIC_WIDTH - (4 if is_wide else 2)
+    firsts = range(0, max(len(columns), 1), fitting)
+    blocks = [_block(rows, columns[i : i + fitting], is_wide) for i in firsts]
+    blocks[0].title = text.Text(title)  # it may name files: brackets are no markup
+    blocks[-1].caption = " ".join(notes(rows)) or None
+    return rich_console.Group(*blocks)
+
+
+def _block(
+    rows: Sequence[Row], columns: Sequence[Column], is_wide: bool
+) -> rich_table.Table:
+    """Makes a table of some metrics."""
     table = rich_table.Table(
-        title=text.Text(title),  # it may name files: brackets are no markup
         title_justify="left",
-        caption=" ".join(notes(rows)) or None,
         caption_justify="left",
         box=box.SIMPLE_HEAD,
         show_edge=False,
@@ -190,7 +210,7 @@ def terminal(rows: Sequence[Row], title: str, width: int) -> rich_table.Table:
     for header in ("Agent", "Sim agents") if is_wide else ("Agent\nsim agents",):
         table.add_column(header, overflow="fold")
     table.add_column("Episodes", justify="right", no_wrap=True)
-    for column in columns_of(rows):
+    for column in columns:
         header = f"{column.title}\n{column.unit}"
         table.add_column(header, justify="right", no_wrap=True)
     for row in rows:
@@ -200,13 +220,12 @@ def terminal(rows: Sequence[Row], title: str, width: int) -> rich_table.Table:
             if is_wide
             else [text.Text(agent).append(f"\n{sim_agent}", "dim")]
         )
-        figures = [cell(row, column) for column in columns_of(rows)]
         table.add_row(
             *names,
             f"{row['episodes']:,}",
             *(
                 text.Text(value).append(f"\n{spread}", "dim")
-                for value, spread in figures
+                for value, spread in (cell(row, column) for column in columns)
             ),
         )
     return table

@@ -6,6 +6,17 @@ from jaxtyping import Array, Bool, Float
 from ..records import Record
 from .base import Measure
 
+FLAGS = (
+    "collision",
+    "offroad",
+    "offroute",
+    "kinematic",
+    "wrong_way",
+    "red_light",
+    "edge_contact",
+    "goal",
+)
+
 
 class Episode(Record):
     """The figures of one episode of one object; zero where not valid."""
@@ -17,24 +28,35 @@ class Episode(Record):
 def summarize(steps: dict[str, Measure]) -> Episode:
     """Returns an episode's figures from measures with a leading axis of steps.
 
-    Flags (collision, offroad, offroute, kinematic): 1 if flagged at any valid step.
-    `log_ade`: the mean of the displacement over valid steps. `progress`: the ratio at
-    the last valid step.
+    `FLAGS`: 1 if flagged at any valid step. `log_ade`, `log_fde`: the displacement, its
+    mean over valid steps and at the last. `progress`: the ratio at the last valid step.
+    What was not measured has no figure.
     """
-    value, valid = {}, {}
-    for name in ("collision", "offroad", "offroute", "kinematic"):
-        value[name] = jnp.any((steps[name].value > 0) & steps[name].valid)
-        valid[name] = jnp.any(steps[name].valid)
-    displacement = steps["log_displacement"]
-    count = jnp.sum(displacement.valid)
-    total = jnp.sum(jnp.where(displacement.valid, displacement.value, 0.0))
-    value["log_ade"] = total / jnp.maximum(count, 1)
-    valid["log_ade"] = count > 0
-    progress = steps["progress"]
-    numbers = jnp.arange(len(progress.valid))
-    last = jnp.argmax(jnp.where(progress.valid, numbers, -1))
-    value["progress"] = jnp.where(progress.valid[last], progress.value[last], 0.0)
-    valid["progress"] = progress.valid[last]
+    figures = {name: _any(steps[name]) for name in FLAGS if name in steps}
+    if "log_displacement" in steps:
+        figures["log_ade"] = _mean(steps["log_displacement"])
+        figures["log_fde"] = _last(steps["log_displacement"])
+    if "progress" in steps:
+        figures["progress"] = _last(steps["progress"])
     return Episode(
-        value={name: x.astype(jnp.float32) for name, x in value.items()}, valid=valid
+        value={name: figure.value for name, figure in figures.items()},
+        valid={name: figure.valid for name, figure in figures.items()},
     )
+
+
+def _any(steps: Measure) -> Measure:
+    flagged = jnp.any((steps.value > 0) & steps.valid)
+    return Measure(value=flagged.astype(jnp.float32), valid=jnp.any(steps.valid))
+
+
+def _mean(steps: Measure) -> Measure:
+    count = jnp.sum(steps.valid)
+    total = jnp.sum(jnp.where(steps.valid, steps.value, 0.0))
+    return Measure(value=total / jnp.maximum(count, 1), valid=count > 0)
+
+
+def _last(steps: Measure) -> Measure:
+    numbers = jnp.arange(len(steps.valid))
+    last = jnp.argmax(jnp.where(steps.valid, numbers, -1))
+    valid = steps.valid[last]
+    return Measure(value=jnp.where(valid, steps.value[last], 0.0), valid=valid)

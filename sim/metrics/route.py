@@ -47,7 +47,11 @@ def locate(paths: PathSegments, xy: Float[Array, " 2"]) -> RoutePosition:
     )
 
 
-def _locate_object(moment: Moment, number: Int[Array, ""]) -> RoutePosition:
+def locate_object(moment: Moment, number: Int[Array, ""]) -> RoutePosition:
+    """Finds an object on the paths of its scene.
+
+    Each metric of routes asks for it, and XLA answers once: the calls are equal.
+    """
     return locate(moment.scene.path_segments(), moment.after.xy[number])
 
 
@@ -56,7 +60,7 @@ def progress(moment: Moment, number: Int[Array, ""]) -> Measure:
 
     d_p and d_q are where the log begins and ends on that path; 1 where they agree.
     """
-    place = _locate_object(moment, number)
+    place = locate_object(moment, number)
     start, end = place.log_arc
     stands = jnp.abs(end - start) < STANDING
     ratio = (place.arc - start) / jnp.where(stands, 1.0, end - start)
@@ -71,7 +75,7 @@ def off_route(moment: Moment, number: Int[Array, ""]) -> Measure:
     It is farther than 5 m from each, or more than 2 m farther from them than from some
     off-route path.
     """
-    place = _locate_object(moment, number)
+    place = locate_object(moment, number)
     off = place.distance > OFF_ROUTE_DISTANCE
     off |= place.distance > place.off_route_distance + OFF_ROUTE_MARGIN
     valid = moment.after.valid[number]
@@ -80,7 +84,7 @@ def off_route(moment: Moment, number: Int[Array, ""]) -> Measure:
 
 def route_distance(moment: Moment, number: Int[Array, ""]) -> Measure:
     """Returns the distance to the nearest on-route path [m]."""
-    place = _locate_object(moment, number)
+    place = locate_object(moment, number)
     return Measure(value=place.distance, valid=moment.after.valid[number])
 
 

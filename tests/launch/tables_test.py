@@ -145,10 +145,20 @@ def test_no_figure_is_cut_at_80_columns() -> None:
     full = {column.metric: np.ones(400) for column in tables.COLUMNS}
     made = tables.summarize(full, agent="dqn", sim_agent="constant_speed", seed=0)
     text = "\n".join(printed([made], 80))
-    assert text.count("100.00") == 5
-    assert text.count("100\N{EN DASH}100") == 5
+    num_rates = sum(column.unit == "%" for column in tables.COLUMNS)
+    assert text.count("100.00") == num_rates
+    assert text.count("100\N{EN DASH}100") == num_rates
     assert "constant_speed" in text
     assert "…" not in text
+
+
+def test_metrics_that_do_not_fit_stand_below_beside_the_same_names() -> None:
+    full = {column.metric: np.ones(400) for column in tables.COLUMNS}
+    made = tables.summarize(full, agent="dqn", sim_agent="idm", seed=0)
+    text = "\n".join(printed([made], 80))
+    assert text.count("dqn") == text.count("400") == 2
+    assert text.count("Planning") == text.count("Ranges are") == 1
+    assert all(text.count(column.title) == 1 for column in tables.COLUMNS)
 
 
 def test_metrics_that_no_row_has_get_no_column() -> None:

@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 
 class Box(NamedTuple):
@@ -92,3 +92,41 @@ def project(
     nearest = int(np.argmin(distance))
     arc = arc_at_start[nearest] + fraction[nearest] * length[nearest]
     return float(distance[nearest]), float(arc)
+
+
+def direction_at(
+    point: Float[np.ndarray, " 2"], polyline: Float[np.ndarray, "points 2"]
+) -> float:
+    """Returns the yaw of the polyline's first piece that is nearest to a point."""
+    start, end = polyline[:-1], polyline[1:]
+    _, foot = feet(point, start, end)
+    distance = np.linalg.norm(point - foot, axis=1)
+    distance[(start == end).all(axis=1)] = np.inf
+    along = (end - start)[int(np.argmin(distance))]
+    return math.atan2(along[1], along[0])
+
+
+def box_meets_segments(
+    box: Box,
+    start: Float[np.ndarray, "segments 2"],
+    end: Float[np.ndarray, "segments 2"],
+) -> Bool[np.ndarray, " segments"]:
+    """Tells which segments share a point with a closed box.
+
+    They start inside the box, or cross one of its sides.
+    """
+    corner = corners(box)
+    meets = np.ones(len(start), bool)
+    for a, b in zip(corner, np.roll(corner, -1, axis=0), strict=True):
+        meets &= _side(a, b, start) >= 0
+    for a, b in zip(corner, np.roll(corner, -1, axis=0), strict=True):
+        apart = _side(a, b, start) * _side(a, b, end) > 0
+        apart |= _side(start, end, a) * _side(start, end, b) > 0
+        meets |= ~apart & (start != end).any(axis=1)
+    return meets
+
+
+def _side(a: np.ndarray, b: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Returns twice the area of triangles: positive where the point is left of a-b."""
+    along, offset = b - a, point - a
+    return along[..., 0] * offset[..., 1] - along[..., 1] * offset[..., 0]

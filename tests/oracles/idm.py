@@ -5,6 +5,7 @@ One scenario, plain loops, float64.
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,9 @@ class Params:
     delta: float = 4.0  # exponent of the free road
     lookahead: float = 50.0  # metres of path ahead that are searched for a leader
     num_chords: int = 10  # straight pieces into which the lookahead is cut
+    light_distance: float = 2.0  # metres between the path and a stop point
+    light_turn: float = math.pi / 4  # between the path and the lane of a light
+    light_braking: float = 6.0  # at most needed for a light that is heeded [m/s^2]
     dt: float = 0.1  # seconds
 
 
@@ -52,6 +56,14 @@ class World(NamedTuple):
     yaw: Float[np.ndarray, " objects"]  # radians
     velocity: Float[np.ndarray, "objects 2"]  # metres per second
     valid: Bool[np.ndarray, " objects"]
+
+
+class Light(NamedTuple):
+    """A traffic light of a lane."""
+
+    xy: Float[np.ndarray, " 2"]  # the stop point [m]
+    yaw: float  # of the lane there [rad]
+    is_red: bool
 
 
 class Targets(NamedTuple):
@@ -96,14 +108,20 @@ class Path:
         self.xy = xy
         self.yaw = yaw
         self.arc = np.concatenate([[0.0], np.cumsum(steps)])
+        self.ends_backwards = False  # no pose is asked for beyond the end before
+        before, _ = self.pose(max(self.arc[-1] - 1.0, 0.0))
+        last_metre = xy[-1] - before
+        self.ends_backwards = bool(last_metre @ geometry.heading(yaw[-1]) < 0)
 
     def pose(self, s: float) -> tuple[Float[np.ndarray, " 2"], float]:
         """Returns position [m] and yaw [rad] at the arc length s >= 0.
 
-        Linear between the logged poses, and straight on along the last yaw after them.
+        Linear between the logged poses, and straight on after them: along the last yaw,
+        or against it where the last metre was driven backwards.
         """
         if s >= self.arc[-1]:
             ahead = (s - self.arc[-1]) * geometry.heading(self.yaw[-1])
+            ahead = -ahead if self.ends_backwards else ahead
             return self.xy[-1] + ahead, geometry.wrap_angle(self.yaw[-1])
         # The last pose at this arc: the object may have stood for several steps.
         k = int(np.flatnonzero(self.arc <= s)[-1])
@@ -187,15 +205,49 @@ class IdmOracle:
                     leader = Leader(gap, float(world.velocity[j] @ along))
         return leader
 
-    def step(self, world: World) -> Targets:
+    def red_light(self, i: int, lights: Sequence[Light]) -> Leader | None:
+        """Finds the first red light that concerns the driven object i.
+
+        Of the chords that lead along the lane of a light the one nearest to its stop
+        point counts, if near enough; the light is passed if the front is beyond the
+        foot of the stop point, or if stopping there takes too much.
+        """
+        spacing = self.params.lookahead / self.params.num_chords
+        gaps = []
+        for light in lights:
+            feet = []
+            for m in range(self.params.num_chords):
+                start, _ = self.paths[i].pose(self.arc[i] + m * spacing)
+                end, _ = self.paths[i].pose(self.arc[i] + (m + 1) * spacing)
+                way = end - start
+                turn = geometry.wrap_angle(math.atan2(way[1], way[0]) - light.yaw)
+                if not way.any() or abs(turn) >= self.params.light_turn:
+                    continue
+                share = float(np.clip((light.xy - start) @ way / (way @ way), 0, 1))
+                aside = float(np.linalg.norm(light.xy - start - share * way))
+                feet.append((aside, (m + share) * spacing))
+            if not light.is_red or not feet:
+                continue
+            aside, foot = min(feet)
+            gap = foot - self.size[i, 0] / 2
+            if aside > self.params.light_distance or gap <= 0:
+                continue
+            if self.speed[i] ** 2 / (2 * gap) <= self.params.light_braking:
+                gaps.append(gap)
+        return Leader(max(min(gaps), MIN_GAP), 0.0) if gaps else None
+
+    def step(self, world: World, lights: Sequence[Light] = ()) -> Targets:
         """Drives on by one step, all objects at once.
 
             v' = max(0, v + a dt), s' = s + (v + v') dt / 2
 
         Args:
             world: where every object is before the step, the ego's simulated box too.
+            lights: those at which to stop while they are red.
         """
-        leaders = {i: self.leader(i, world) for i in self.paths}
+        leaders = {
+            i: (self.leader(i, world), self.red_light(i, lights)) for i in self.paths
+        }
         num_objects = len(world.valid)
         targets = Targets(
             np.zeros((num_objects, 2)),
@@ -204,12 +256,15 @@ class IdmOracle:
         )
         for i, path in self.paths.items():
             v = self.speed[i]
-            a = acceleration(v, leaders[i], self.params)
+            a = min(acceleration(v, leader, self.params) for leader in leaders[i])
+            before, _ = path.pose(self.arc[i])
             self.speed[i] = max(0.0, v + a * self.params.dt)
             self.arc[i] += (v + self.speed[i]) / 2 * self.params.dt
 
             targets.xy[i], targets.yaw[i] = path.pose(self.arc[i])
-            targets.velocity[i] = self.speed[i] * geometry.heading(targets.yaw[i])
+            heading = geometry.heading(targets.yaw[i])
+            goes_back = (targets.xy[i] - before) @ heading < 0
+            targets.velocity[i] = self.speed[i] * (-heading if goes_back else heading)
         return targets
 
     def _box(self, i: int, world: World) -> Box:

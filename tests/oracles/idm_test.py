@@ -167,10 +167,10 @@ def test_a_box_that_begins_before_its_chord_is_met_at_its_start() -> None:
 
 
 def test_a_chord_that_comes_back_to_its_start_is_passed_over() -> None:
-    # 2.5 m east and back in chord 0, then straight on: the rear at x = 18 is 3 m into
-    # chord 4, which starts after 20 m.
+    # 2.5 m east and back in chord 0, then on backwards: the front at x = -18 is 3 m
+    # into chord 4, which starts after 20 m.
     there_and_back = np.array([(2.5 - abs(2.5 - 0.5 * t), 0, 0) for t in range(11)])
-    log = scene(there_and_back, eastward(20, 0, 0))
+    log = scene(there_and_back, eastward(-20, 0, 0))
     leader = oracle(log).leader(0, world(log))
     assert leader == pytest.approx((23 - 2, 0), abs=ROUNDING)
 
@@ -185,7 +185,7 @@ def test_a_car_across_the_path_is_met_with_its_nearest_corner() -> None:
 
 def test_poses_between_the_logged_ones_turn_the_short_way() -> None:
     path = idm.Path(
-        np.array([(0, 0), (-2, 0), (-2, 0), (-2, -1.0)]), np.array([3.1, -3.1, 3, 3])
+        np.array([(0, 0), (-2, 0), (-2, 0), (-2, 1.0)]), np.array([3.1, -3.1, 3, 3])
     )
     xy, yaw = path.pose(1.0)
     np.testing.assert_allclose(xy, (-1, 0), atol=ROUNDING)
@@ -193,7 +193,7 @@ def test_poses_between_the_logged_ones_turn_the_short_way() -> None:
     _, after_standing = path.pose(2.0)
     assert after_standing == 3
     beyond, last_yaw = path.pose(5.0)
-    expected = (-2 + 2 * math.cos(3), -1 + 2 * math.sin(3))
+    expected = (-2 + 2 * math.cos(3), 1 + 2 * math.sin(3))
     np.testing.assert_allclose(beyond, expected, atol=ROUNDING)
     assert last_yaw == 3
 
@@ -234,3 +234,37 @@ def test_the_path_begins_at_the_current_step() -> None:
     agents = idm.IdmOracle(log, 4, idm.Params())
     target = agents.step(world(log, 4))
     np.testing.assert_allclose(target.xy, [(7.509375, 0)], atol=ROUNDING)
+
+
+def test_a_car_that_reverses_moves_against_its_heading() -> None:
+    # From 1 m/s with 2 (1 - 1 / 30^4) m/s^2; past its end, 1 m behind, likewise.
+    log = scene(eastward(0, 0, -1))
+    agents = oracle(log)
+    speed = 1 + 0.2 * (1 - 30**-4)
+    target = agents.step(world(log))
+    np.testing.assert_allclose(target.xy, [(-(1 + speed) / 20, 0)], atol=ROUNDING)
+    np.testing.assert_allclose(target.velocity, [(-speed, 0)], atol=ROUNDING)
+    place, _ = agents.paths[0].pose(3.0)
+    np.testing.assert_allclose(place, (-3, 0), atol=ROUNDING)
+
+
+@pytest.mark.parametrize(
+    ("light", "gap"),
+    [
+        (idm.Light(np.array([22.0, 1.0]), 0.0, True), 20),
+        (idm.Light(np.array([22.0, 1.0]), 0.0, False), None),
+        (idm.Light(np.array([22.0, 2.1]), 0.0, True), None),
+        (idm.Light(np.array([22.0, 1.0]), 0.8, True), None),
+        (idm.Light(np.array([1.9, 0.0]), 0.0, True), None),
+        # 10^2 / (2 * 8.3) m/s^2 is more than 6.
+        (idm.Light(np.array([10.3, 0.0]), 0.0, True), None),
+    ],
+)
+def test_a_red_light_is_a_leader_at_rest(light: idm.Light, gap: float | None) -> None:
+    log = scene(eastward(0, 0, 10))
+    leader = oracle(log).red_light(0, [light])
+    assert leader == (None if gap is None else pytest.approx((gap, 0), abs=ROUNDING))
+    target = oracle(log).step(world(log), [light])
+    ahead = None if gap is None else idm.Leader(gap, 0)
+    expected = 10 + 0.1 * idm.acceleration(10, ahead, idm.Params())
+    np.testing.assert_allclose(target.velocity, [(expected, 0)], atol=ROUNDING)

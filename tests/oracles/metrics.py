@@ -1,6 +1,8 @@
 """Oracle of the metrics of one step: `definitions.md` section 3, in float64."""
 
+import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -99,9 +101,10 @@ def kinematic_infeasibility(
     after: dynamics.State,
     dt: float,
     slack: tuple[float, float],
-    moving_speed: float = 0.6,
 ) -> bool:
     """Tells whether a step asks more of the bicycle than its limits.
+
+    The turn is that of the pose.
 
     Args:
         before: the state before the step.
@@ -109,9 +112,10 @@ def kinematic_infeasibility(
         dt: length of the step [s].
         slack: what is allowed beyond the limits of acceleration [m/s^2] and of
             curvature [1/m].
-        moving_speed: an object stands up to this speed after the step [m/s].
     """
-    acceleration, curvature = dynamics.bicycle_inverse(before, after, dt, moving_speed)
+    acceleration, curvature = dynamics.bicycle_between(
+        before, after, after.yaw - before.yaw, dt
+    )
     return (
         abs(acceleration) > dynamics.MAX_ACCELERATION + slack[0]
         or abs(curvature) > dynamics.MAX_CURVATURE + slack[1]
@@ -133,3 +137,101 @@ def displacement(
     for i in np.flatnonzero(defined):
         distance[i] = np.linalg.norm(xy[i] - log_xy[i])
     return distance, defined
+
+
+def edge_contact(
+    box: Box,
+    z: float,
+    segments: Float[np.ndarray, "segments 2 3"],
+    level: float,
+) -> bool:
+    """Tells whether a closed box at height z meets a segment of a road edge.
+
+    Segments whose middle is more than `level` above or below do not count [m].
+    """
+    start, end = segments[:, 0], segments[:, 1]
+    meets = geometry.box_meets_segments(box, start[:, :2], end[:, :2])
+    return bool((meets & (np.abs((start + end)[:, 2] / 2 - z) <= level)).any())
+
+
+def segments_of(
+    edges: Sequence[Float[np.ndarray, "points 3"]],
+) -> Float[np.ndarray, "segments 2 3"]:
+    """Returns the segments of polylines [m]."""
+    return np.concatenate([np.stack([edge[:-1], edge[1:]], axis=1) for edge in edges])
+
+
+class Light(NamedTuple):
+    """A traffic light over one step."""
+
+    xyz: Float[np.ndarray, " 3"]  # stop point [m]
+    yaw: float  # of its lane [rad]
+    shows: tuple[str, str]  # before and after the step
+
+
+def runs_red_light(
+    before: Box,
+    after: Box,
+    z: float,
+    lights: Sequence[Light],
+    half_width: float = 1.75,
+    max_turn: float = math.pi / 4,
+    level: float = 3.0,
+) -> bool:
+    """Tells whether the middle of a box's front passes a red light in a step.
+
+    Args:
+        before: the box before the step.
+        after: the box after the step, along whose yaw it drives.
+        z: its height [m].
+        lights: of the scene.
+        half_width: of the stop line [m].
+        max_turn: between the box and the lane [rad].
+        level: how far the light may be above or below [m].
+    """
+    for light in lights:
+        if not all(state in ("STOP", "ARROW_STOP") for state in light.shows):
+            continue
+        along = geometry.heading(light.yaw)
+        across = geometry.left_of(along)
+        fronts = [
+            box.xy + geometry.heading(box.yaw) * box.length / 2 - light.xyz[:2]
+            for box in (before, after)
+        ]
+        first, last = (float(front @ along) for front in fronts)
+        if first > 0 or last <= 0:
+            continue
+        place = fronts[0] + (fronts[1] - fronts[0]) * first / (first - last)
+        turn = geometry.wrap_angle(after.yaw - light.yaw)
+        if (
+            abs(place @ across) <= half_width
+            and abs(turn) <= max_turn
+            and abs(z - light.xyz[2]) <= level
+        ):
+            return True
+    return False
+
+
+def goal_reached(
+    state: dynamics.State,
+    goal: dynamics.State,
+    position: float,
+    speed: float | None,
+    heading: float | None,
+) -> bool:
+    """Tells whether an object is at its goal, by tolerances of which some may be off.
+
+    Speeds are the lengths of velocities, negative where they point backwards.
+    """
+
+    def signed(one: dynamics.State) -> float:
+        velocity = np.array([one.vx, one.vy])
+        backwards = velocity @ geometry.heading(one.yaw) < 0
+        return float(np.linalg.norm(velocity)) * (-1 if backwards else 1)
+
+    reached = math.hypot(state.x - goal.x, state.y - goal.y) < position
+    if speed is not None:
+        reached &= abs(signed(state) - signed(goal)) < speed
+    if heading is not None:
+        reached &= abs(geometry.wrap_angle(state.yaw - goal.yaw)) < heading
+    return reached

@@ -83,3 +83,13 @@ def off_route(
         else:
             from_off = min(from_off, distance)
     return bool(from_on > MAX_DISTANCE or from_on > from_off + MAX_EXCESS), from_on
+
+
+def wrong_way(
+    xy: Float[np.ndarray, " 2"],
+    paths: Sequence[Float[np.ndarray, "points 2"]],
+    max_distance: float = 3.5,
+) -> tuple[bool, float]:
+    """Tells whether the ego is far from every path, and how far it is from them [m]."""
+    distance = min(geometry.project(xy, path)[0] for path in paths)
+    return distance > max_distance, distance

@@ -9,6 +9,7 @@ from drivetrain.sim.metrics import aggregate
 from drivetrain.sim.metrics.base import Measure
 
 FLAGS = ("collision", "offroad", "offroute", "kinematic")
+FLAGS += ("wrong_way", "red_light", "edge_contact", "goal")
 NAMES = (*FLAGS, "log_displacement", "progress")
 NUM_STEPS = 12
 ROUNDING = 1e-5  # float32, a sum of a dozen numbers below 10
@@ -39,6 +40,7 @@ def by_loop(steps: dict[str, Measure]) -> dict[str, float | None]:
     figures = {name: float(any(kept[name])) if kept[name] else None for name in FLAGS}
     displacement, progress = kept["log_displacement"], kept["progress"]
     figures["log_ade"] = sum(displacement) / len(displacement) if displacement else None
+    figures["log_fde"] = displacement[-1] if displacement else None
     figures["progress"] = progress[-1] if progress else None
     return figures
 
@@ -47,11 +49,18 @@ def by_loop(steps: dict[str, Measure]) -> dict[str, float | None]:
 @pytest.mark.parametrize("share_valid", [0.0, 0.15, 0.8, 1.0])
 def test_figures_are_those_of_a_loop(seed: int, share_valid: float) -> None:
     steps = measures(seed, share_valid)
-    episode = aggregate.summarize(steps)
-    for name, figure in by_loop(steps).items():
+    episode, expected_figures = aggregate.summarize(steps), by_loop(steps)
+    assert set(episode.value) == set(expected_figures)
+    for name, figure in expected_figures.items():
         assert bool(episode.valid[name]) == (figure is not None)
         expected = 0.0 if figure is None else figure
         assert float(episode.value[name]) == pytest.approx(expected, abs=ROUNDING)
+
+
+def test_what_is_not_measured_has_no_figure() -> None:
+    steps = measures(5, 0.7)
+    episode = aggregate.summarize({name: steps[name] for name in ("goal", "progress")})
+    assert set(episode.value) == set(episode.valid) == {"goal", "progress"}
 
 
 def test_what_is_not_valid_does_not_count() -> None:

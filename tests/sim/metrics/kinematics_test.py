@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from drivetrain.sim import geometry
 from drivetrain.sim.dynamics import bicycle
 from drivetrain.sim.metrics import kinematics
 from tests import worlds
@@ -26,14 +27,9 @@ def verdicts(before: dynamics.State, after: dynamics.State) -> set[bool]:
     """Returns what the oracle says with all thresholds a little lower and higher."""
     return {
         oracle.kinematic_infeasibility(
-            before,
-            after,
-            DT,
-            (SLACK[0] + shift, SLACK[1] + shift),
-            bicycle.MOVING_SPEED + moving_shift,
+            before, after, DT, (SLACK[0] + shift, SLACK[1] + shift)
         )
         for shift in (-NEAR_LIMIT, NEAR_LIMIT)
-        for moving_shift in (-NEAR_LIMIT, NEAR_LIMIT)
     }
 
 
@@ -85,6 +81,28 @@ def test_all_that_the_bicycle_does_is_feasible() -> None:
         )
         measures = worlds.measure(moment.replace(before=rolling, after=after))
         np.testing.assert_array_equal(measures["kinematic"].value, 0)
+
+
+@pytest.mark.parametrize(
+    ("course_before", "course_after", "flag"),
+    [
+        (0.0, 0.0, 0),
+        (0.1, 0.2, 0),  # slips: the pose does not turn
+        (np.pi, np.pi, 0),  # reverses
+        (0.0, np.pi, 1),  # from 5 m/s forwards to 5 m/s backwards
+    ],
+)
+def test_the_pose_tells_the_turn_and_the_sign_of_the_speed(
+    course_before: float, course_after: float, flag: int
+) -> None:
+    moment = worlds.samples("generated")[0].moment
+    there = moment.after.replace(valid=jnp.ones_like(moment.after.valid))
+    before, after = (
+        there.replace(velocity=5.0 * geometry.direction(there.yaw + course))
+        for course in (course_before, course_after)
+    )
+    measures = worlds.measure(moment.replace(before=before, after=after))
+    np.testing.assert_array_equal(measures["kinematic"].value, flag)
 
 
 def test_nothing_is_undefined_at_rest() -> None:
