@@ -33,9 +33,26 @@ class TokenGroup(Record):
 Observation = dict[str, TokenGroup]
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Slot:
+    """One feature of the tokens of a group."""
+
+    group: str
+    feature: str  # unique in its group
+    unit: str  # for what the value 1 stands, such as `20 m`; empty for pure numbers
+    low: float  # no value is below, that of absent tokens, 0, included
+    high: float  # no value is above; infinite where nothing bounds it
+
+
 @dataclasses.dataclass(frozen=True)
 class Observer:
-    """Says what one object sees; all objects by vmap over their numbers."""
+    """Says what one object sees; all objects by vmap over their numbers.
+
+    `observe(view, number)` is what the object of that number sees. `describe()` names
+    what stands in it: the slots of a group, in their order, are the features of its
+    tokens, in all its tokens and at all their steps.
+    """
 
     history: int  # steps before the present one that are looked at
     observe: Callable[[View, Int[Array, ""]], Observation]
+    describe: Callable[[], tuple[Slot, ...]]

@@ -1,5 +1,6 @@
 """Tests of the vector observation against plain NumPy, and of what must not matter."""
 
+import dataclasses
 import functools
 import itertools
 
@@ -10,8 +11,10 @@ import pytest
 
 from drivetrain.sim.observations.base import Observation
 from drivetrain.sim.observations.ego_frame import LENGTH_UNIT, SIZE_UNIT, SPEED_UNIT
+from drivetrain.sim.observations.noise import NoiseConfig
 from drivetrain.sim.observations.vector import VectorConfig, vector
 from drivetrain.sim.scenario import EDGES
+from drivetrain.sim.scene import Scene
 from tests import worlds
 
 CONFIG = VectorConfig(
@@ -28,10 +31,15 @@ def seen(index: int, kind: str = "generated") -> Observation:
 
 
 def observe(bank, index: int) -> Observation:
-    scene = worlds.scene(bank, index)
-    motion = jax.vmap(scene.log_at)(jnp.arange(STEP - CONFIG.history, STEP + 1))
-    look = jax.jit(vector(CONFIG).observe)
-    return look(worlds.view_of(scene, motion, STEP), jnp.int32(0))
+    return look(CONFIG, worlds.scene(bank, index))
+
+
+@functools.partial(jax.jit, static_argnames="config")
+def look(config: VectorConfig, scene: Scene, number: int = 0) -> Observation:
+    """Returns what an object sees of the log."""
+    motion = jax.vmap(scene.log_at)(jnp.arange(STEP - config.history, STEP + 1))
+    view = worlds.view_of(scene, motion, STEP)
+    return vector(config).observe(view, jnp.int32(number))
 
 
 def in_ego_frame(xy: np.ndarray, ego_xy: np.ndarray, ego_yaw: float) -> np.ndarray:
@@ -141,20 +149,89 @@ def test_a_world_with_less_than_fits_is_masked() -> None:
     many = VectorConfig(
         history=1, num_objects=500, num_road=9000, num_lights=300, num_route=4
     )
-    scene = worlds.scene(worlds.bank("generated"), 0)
-    motion = jax.vmap(scene.log_at)(jnp.arange(STEP - 1, STEP + 1))
-    observation = vector(many).observe(
-        worlds.view_of(scene, motion, STEP), jnp.int32(0)
-    )
+    observation = look(many, worlds.scene(worlds.bank("generated"), 0))
     assert observation["objects"].values.shape[0] == 500
     assert int(observation["objects"].mask[:, -1].sum()) < 30
 
 
-def test_a_route_less_observation_has_no_route() -> None:
-    config = VectorConfig(history=0, num_route=0)
-    scene = worlds.scene(worlds.bank("generated"), 0)
-    motion = jax.tree.map(lambda leaf: leaf[None], scene.log_at(jnp.int32(STEP)))
-    observation = vector(config).observe(
-        worlds.view_of(scene, motion, STEP), jnp.int32(0)
+def test_the_road_can_be_points_with_their_directions() -> None:
+    scenario = worlds.scenarios("generated")[0]
+    tracks, ego = scenario.tracks, scenario.ego_index
+    xy, yaw = tracks.xyz[ego, STEP, :2], tracks.yaw[ego, STEP]
+    rows = []
+    for feature in range(scenario.roads.num_features):
+        points = scenario.roads.points_of(feature)[:, :2]
+        is_edge = scenario.roads.map_type[feature] in EDGES
+        pairs = itertools.pairwise(points) if len(points) > 1 else [(points[0],) * 2]
+        for a, b in pairs:
+            length = np.linalg.norm(b - a)
+            along = in_ego_frame(b - a, np.zeros(2), yaw) / (length or 1.0)
+            if length > 0 or len(points) == 1:
+                rows.append((*in_ego_frame(a, xy, yaw) / LENGTH_UNIT, *along, is_edge))
+    nearest = sorted(rows, key=lambda row: row[0] ** 2 + row[1] ** 2)
+
+    config = VectorConfig(history=0, road="points", num_road=30)
+    group = look(config, worlds.scene(worlds.bank("generated"), 0))["road"]
+    assert bool(group.mask.all())
+    shown = np.asarray(group.values)[:, 0, [0, 1, 2, 3, 6]]
+    # Points at the same distance may come in any order: each must be a point of the
+    # map, and their distances those of the nearest.
+    for row in shown:
+        assert np.abs(np.array(rows) - row).max(axis=1).min() < 10 * ROUNDING
+    np.testing.assert_allclose(
+        np.hypot(*shown[:, :2].T),
+        [np.hypot(*row[:2]) for row in nearest[:30]],
+        atol=ROUNDING,
     )
-    assert "route" not in observation
+
+
+def test_the_route_is_shown_to_the_ego_alone() -> None:
+    config = VectorConfig(history=0, num_road=4)
+    scene = worlds.scene(worlds.bank("generated"), 0)
+    assert np.any(look(config, scene, 0)["route"].mask)
+    for number in (1, 2):
+        other = look(config, scene, number)
+        assert np.any(other["ego"].mask)
+        assert not np.any(other["route"].mask) and not np.any(other["route"].values)
+
+
+def test_who_is_absent_sees_nothing() -> None:
+    scene = worlds.scene(worlds.bank("generated"), 0)
+    config = VectorConfig(history=1, num_road=4, goal=True)
+    absent = np.flatnonzero(~np.asarray(worlds.log_at(scene, jnp.int32(STEP)).valid))
+    assert len(absent) > 0
+    for leaf in jax.tree.leaves(look(config, scene, int(absent[0]))):
+        assert not np.any(leaf)
+
+
+def test_noise_blurs_others_and_the_nearest_are_those_that_seem_so() -> None:
+    scene = worlds.scene(worlds.bank("generated"), 0)
+    exact = VectorConfig(history=2, num_road=4, num_objects=6)
+    noise = NoiseConfig(position=3.0, yaw=0.1, velocity=1.0)
+    noisy = dataclasses.replace(exact, noise=noise)
+    before, after = look(exact, scene), look(noisy, scene)
+    for name in ("ego", "road", "lights", "route"):
+        jax.tree.map(np.testing.assert_array_equal, before[name], after[name])
+    place = np.asarray(after["objects"].values[:, -1, :2])
+    far = np.linalg.norm(place, axis=-1)[np.asarray(after["objects"].mask[:, -1])]
+    assert np.all(np.diff(far) >= 0)
+    assert np.abs(place - before["objects"].values[:, -1, :2]).max() > 0.01
+
+
+@pytest.mark.parametrize(
+    ("fields", "sentence"),
+    [
+        ({"num_objects": 0}, "num_objects must be at least 1, got 0"),
+        ({"num_lights": -1}, "num_lights must be at least 0, got -1"),
+        ({"radius": 0.0}, "radius must be a positive length, got 0.0"),
+    ],
+)
+def test_wrong_fields_are_told(fields: dict, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        VectorConfig(**fields)
+
+
+def test_lights_and_route_can_be_left_out() -> None:
+    config = VectorConfig(history=0, num_lights=0, num_route=0)
+    observation = look(config, worlds.scene(worlds.bank("generated"), 0))
+    assert observation.keys() == {"ego", "objects", "road"}
