@@ -1,5 +1,6 @@
-"""Runs the commands: `drivetrain prepare | train | evaluate | demo`."""
+"""Runs the commands: `drivetrain prepare | train | evaluate | benchmark | demo`."""
 
+import dataclasses
 import os
 import pathlib
 import sys
@@ -14,22 +15,26 @@ from ..sim import files
 from ..sim.data import loader, prepare as preparing
 from ..sim.data.loader import Split
 from ..sim.data.pack import PackConfig
+from ..sim.dynamics.build import DYNAMICS
+from ..sim.sim_agents.build import SIM_AGENTS
 from . import (
+    actions as recording,
     banks,
+    benchmark as benchmarking,
     config,
     demo as demos,
     dump as dumps,
     evaluate as evaluating,
     tables,
 )
+from .benchmarks import timing
+from .benchmarks.base import Settings, numbers
 from .experiment import Experiment
 from .progress import progress
 from .train import train as run_training
 
-Dynamics = Literal[
-    "delta", "delta_global", "delta_discrete", "bicycle", "bicycle_discrete"
-]
-SimAgent = Literal["playback", "constant_speed", "idm"]
+Dynamics = Annotated[str, tyro.conf.arg(metavar="|".join(DYNAMICS))]
+SimAgent = Annotated[str, tyro.conf.arg(metavar="|".join(SIM_AGENTS))]
 UNSEEN = "synthetic:2000000:256"  # generated scenarios that nothing trains on
 
 
@@ -145,14 +150,21 @@ def evaluate(
     quantize: bool = True,
     json: pathlib.Path | None = None,
     dump: pathlib.Path | None = None,
+    record: pathlib.Path | None = None,
+    actions: pathlib.Path | None = None,
     seed: int = 0,
 ) -> None:
     """Plays an agent on scenarios and prints the row of the table.
 
     drivetrain evaluate runs/bc --data data/womd --split test --sim-agent idm
 
+    With --record, the row is that of the actions in the file, played again: so it is,
+    to the last digit, that of `drivetrain evaluate recorded --actions FILE` with the
+    same data and sim agents.
+
     Args:
-        agent: expert, coast, constant_speed, idm, or the folder of a run.
+        agent: expert, coast, random, constant_speed, idm, recorded, or the folder of a
+            run.
         data: a store, a file, a quoted pattern of files, or synthetic:FIRST:COUNT for
             generated scenarios of the seeds from FIRST on.
         split: which part of the scenarios, by a hash of their ids.
@@ -165,16 +177,19 @@ def evaluate(
         quantize: pack files to 16-bit numbers; a store is as it was prepared.
         json: write the rows of the table to this file.
         dump: write what happened in each scenario to this folder, as .npz files.
+        record: write the ego's actions to this file, an .npz archive.
+        actions: the file of the actions of recorded.
         seed: of whatever is drawn.
     """
     if not 0 <= seed < 2**32:
         raise ValueError(f"seed must be from 0 to 2^32 - 1, got {seed}.")
-    if json is not None and json.is_dir():
-        raise ValueError(f"--json '{json}' is a folder; name a file in it.")
-    for out in (json, dump):
+    for option, out in (("json", json), ("record", record)):
+        if out is not None and out.is_dir():
+            raise ValueError(f"--{option} '{out}' is a folder; name a file in it.")
+    for out in (json, dump, record):
         if out is not None:
             files.require_writable(out)
-    player_of = evaluating.player_of(agent, dynamics, sim_agent)
+    player_of = evaluating.player_of(agent, dynamics, sim_agent, actions)
     source = loader.Source(
         path=data,
         split=split,
@@ -186,6 +201,11 @@ def evaluate(
     console = rich_console.Console(stderr=True)
     console.print(banks.describe(loaded), highlight=False, markup=False)
     player = player_of(loaded)
+    if record is not None:
+        taken = evaluating.record(player, loaded, seed)
+        recording.write(record, taken)
+        again = evaluating.replayed(taken, str(record), None, sim_agent, loaded)
+        player = dataclasses.replace(again, name=player.name)
     rows = [evaluating.row(player, loaded, seed)]
     tables.show(rows, f"{agent} on {data}")
     if json is not None:
@@ -193,6 +213,63 @@ def evaluate(
     if dump is not None:
         with progress("dumping", len(loaded.scenarios), unit="scenarios") as line:
             dumps.dump(player, loaded, seed, dump, line.update)
+
+
+def benchmark(
+    name: Annotated[
+        Literal["runtime", "nocturne", "throughput"],
+        tyro.conf.Positional,
+        tyro.conf.arg(metavar="NAME"),
+    ] = "runtime",
+    /,
+    data: str = "synthetic:2000000:64",
+    scenarios: int = Settings.scenarios,
+    objects: str = "",
+    batches: str = "",
+    sim_agent: SimAgent = "playback",
+    seconds: float = Settings.seconds,
+    max_memory_gb: float = Settings.max_memory_gb,
+    json: pathlib.Path | None = None,
+    report: pathlib.Path | None = None,
+) -> None:
+    """Measures how fast the simulator is.
+
+    drivetrain benchmark runtime --data 'womd/*.tfrecord*' --objects 128 --batches 1,16
+
+    runtime: what Waymax times in its tables 2 and 6. nocturne: Nocturne's observation
+    and step, by both procedures of its appendix F. throughput: how many agents act in a
+    second, over numbers of worlds and agents.
+
+    Args:
+        name: what to measure: runtime, nocturne or throughput.
+        data: a store, a file, a quoted pattern of files, or synthetic:FIRST:COUNT for
+            generated scenarios.
+        scenarios: how many of the data to use, those with the most objects.
+        objects: object slots of a scenario, with commas between several numbers; by
+            default those of the paper.
+        batches: worlds at once, likewise.
+        sim_agent: who drives what is not controlled.
+        seconds: how long to repeat each call.
+        max_memory_gb: throughput leaves out programs that need more.
+        json: write the rows of the table to this file.
+        report: write report.html and the plots as SVG and PNG to this folder.
+    """
+    if json is not None and json.is_dir():
+        raise ValueError(f"--json '{json}' is a folder; name a file in it.")
+    for out in (json, report):
+        if out is not None:
+            files.require_writable(out)
+    settings = Settings(
+        data=data,
+        scenarios=scenarios,
+        objects=numbers("objects", objects),
+        batches=numbers("batches", batches),
+        sim_agent=sim_agent,
+        seconds=seconds,
+        max_memory_gb=max_memory_gb,
+    )
+    with timing.cold_compilation():
+        benchmarking.benchmark(name, settings, json, report)
 
 
 def demo(out: pathlib.Path = pathlib.Path("runs/demo"), seed: int = 0) -> None:
@@ -211,7 +288,13 @@ def main() -> None:
     _use_compile_cache()
     try:
         tyro.extras.subcommand_cli_from_dict(
-            {"prepare": prepare, "train": train, "evaluate": evaluate, "demo": demo},
+            {
+                "prepare": prepare,
+                "train": train,
+                "evaluate": evaluate,
+                "benchmark": benchmark,
+                "demo": demo,
+            },
             prog="drivetrain",
             description="Trains driving policies inside a simulator that runs on the "
             "accelerator.",
@@ -238,7 +321,6 @@ def _sentence(error: Exception) -> str:
 
 def _use_compile_cache() -> None:
     """Keeps compiled programs between commands."""
-    root = os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache"
-    folder = pathlib.Path(root) / "drivetrain" / "programs"
+    folder = files.cache_folder() / "programs"
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)

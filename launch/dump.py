@@ -29,7 +29,7 @@ def recordings(player: Player, loaded: Loaded, seed: int, numbers: list[int]):
         place, shard = jnp.divmod(number, loaded.num_devices)
         local_bank = jax.tree.map(lambda leaf: leaf[shard], bank)
         key = jax.random.fold_in(jax.random.key(seed), number)
-        driver = player.driver_of(params)
+        driver = player.driver_of(params, number)
         return record(player.env, driver, local_bank, place, key)
 
     for number in numbers:

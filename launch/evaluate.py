@@ -7,17 +7,18 @@ from collections.abc import Callable
 
 import jax
 import numpy as np
-from jaxtyping import PyTree
+from jaxtyping import Array, PyTree
 from rich import console as rich_console
 
 from ..learners import acting, checkpoint, mesh as meshes
-from ..learners.evaluator import compile_evaluator
+from ..learners.evaluator import compile_evaluator, figures
 from ..learners.program import initial_state
 from ..sim.dynamics import build as dynamics
 from ..sim.env import drivers
 from ..sim.env.base import Driver, Environment
 from ..sim.observations.vector import VectorConfig
-from . import tables
+from . import actions, tables
+from .actions import RECORDED, Record
 from .banks import Loaded
 from .experiment import agent, environment, learner
 from .progress import progress
@@ -32,29 +33,46 @@ class Player:
 
     name: str
     sim_agent: str
+    dynamics: str  # of the ego
     env: Environment
-    driver_of: Callable[[PyTree], Driver]
+    driver_of: Callable[[PyTree, Array], Driver]  # of the number of a scenario too
     params: PyTree  # a copy on each device; empty for rules
 
 
 def player_of(
-    agent: str, dynamics_name: str | None, sim_agent: str
+    agent: str,
+    dynamics_name: str | None,
+    sim_agent: str,
+    record: pathlib.Path | None = None,
 ) -> Callable[[Loaded], Player]:
     """Finds an agent by name, or by the folder of its run, before data are loaded.
 
     Args:
-        agent: the name of a rule, or a folder.
+        agent: the name of a rule, `recorded`, or a folder.
         dynamics_name: the ego's action space; None for that of the training, and the
             bicycle for rules.
         sim_agent: drives all others.
+        record: the file of the actions of `recorded`.
 
     Returns:
         A function from the scenarios to the player.
 
     Raises:
-        FileNotFoundError: if the folder holds no run, or one without a checkpoint.
-        ValueError: if a name is unknown, or the run was trained with other dynamics.
+        FileNotFoundError: if the folder holds no run, or one without a checkpoint, or
+            there is no file of actions.
+        ValueError: if a name is unknown, the run was trained or recorded with other
+            dynamics, or the file holds no actions.
     """
+    if (agent == RECORDED) != (record is not None):
+        raise ValueError(
+            "a record is played by naming both: drivetrain evaluate recorded --actions "
+            f"FILE; got the agent '{agent}' "
+            + (f"with --actions {record}" if record else "without --actions")
+        )
+    if record is not None:
+        return functools.partial(
+            replayed, actions.read(record), str(record), dynamics_name, sim_agent
+        )
     folder = pathlib.Path(agent)
     if agent in drivers.NAMES or not folder.is_dir():
         player = rule(agent, dynamics_name or "bicycle", sim_agent)
@@ -77,7 +95,12 @@ def rule(name: str, dynamics_name: str, sim_agent: str) -> Player:
     driver = drivers.build(name, dynamics.build(dynamics_name))
     env = environment(SIMPLE, dynamics_name, sim_agent)
     return Player(
-        name=name, sim_agent=sim_agent, env=env, driver_of=lambda _: driver, params=()
+        name=name,
+        sim_agent=sim_agent,
+        dynamics=dynamics_name,
+        env=env,
+        driver_of=lambda params, number: driver,
+        params=(),
     )
 
 
@@ -106,22 +129,69 @@ def trained(folder: pathlib.Path, sim_agent: str, loaded: Loaded) -> Player:
     return Player(
         name=folder.name,
         sim_agent=sim_agent,
+        dynamics=experiment.dynamics,
         env=env,
         driver_of=acting.greedy(made, env),
         params=restored.tree.params,
     )
 
 
+def replayed(
+    record: Record,
+    source: str,
+    dynamics_name: str | None,
+    sim_agent: str,
+    loaded: Loaded,
+) -> Player:
+    """Makes a player of recorded actions.
+
+    Args:
+        record: the actions.
+        source: where they come from.
+        dynamics_name: the ego's action space; None for that of the record.
+        sim_agent: drives all others.
+        loaded: the scenarios on which they were recorded.
+
+    Raises:
+        ValueError: if they were recorded with other dynamics, or on other scenarios.
+    """
+    if dynamics_name not in (None, record.dynamics):
+        raise ValueError(
+            f"'{source}' was recorded with --dynamics {record.dynamics}, not "
+            f"{dynamics_name}; leave the option out"
+        )
+    record.require_fits(loaded, source)
+    return Player(
+        name=RECORDED,
+        sim_agent=sim_agent,
+        dynamics=record.dynamics,
+        env=environment(SIMPLE, record.dynamics, sim_agent),
+        driver_of=actions.driver_of,
+        params=meshes.replicate(meshes.data_mesh(), record.actions),
+    )
+
+
+def record(player: Player, loaded: Loaded, seed: int) -> Record:
+    """Plays every scenario and returns the actions of the ego."""
+    taken = _play(player, loaded, seed, "recording", lambda steps: steps.action)
+    ids = tuple(scenario.scenario_id for scenario in loaded.scenarios)
+    return Record(scenario_ids=ids, dynamics=player.dynamics, actions=taken)
+
+
 def play(player: Player, loaded: Loaded, seed: int) -> dict[str, np.ndarray]:
     """Plays every scenario and returns each figure by episode, with its mask."""
-    mesh = meshes.data_mesh()
-    evaluate = compile_evaluator(player.env, player.driver_of, mesh)
-    key = meshes.replicate(mesh, jax.random.key(seed))
-    total = len(loaded.scenarios)
-    with progress(f"evaluating {player.name}", total, unit="scenarios") as line:
-        episodes = evaluate(player.params, loaded.bank, key, line.update)
+    episodes = _play(player, loaded, seed, "evaluating", figures)
     masks = {f"{name}_mask": valid for name, valid in episodes.valid.items()}
     return {name: np.asarray(x) for name, x in {**episodes.value, **masks}.items()}
+
+
+def _play(player: Player, loaded: Loaded, seed: int, doing: str, keep) -> PyTree:
+    mesh = meshes.data_mesh()
+    evaluate = compile_evaluator(player.env, player.driver_of, mesh, keep)
+    key = meshes.replicate(mesh, jax.random.key(seed))
+    total = len(loaded.scenarios)
+    with progress(f"{doing} {player.name}", total, unit="scenarios") as line:
+        return evaluate(player.params, loaded.bank, key, line.update)
 
 
 def row(player: Player, loaded: Loaded, seed: int) -> tables.Row:

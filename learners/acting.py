@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from jaxtyping import PRNGKeyArray, PyTree
+from jaxtyping import Array, PRNGKeyArray, PyTree
 
 from ..agents.base import Agent
 from ..sim.data.bank import Bank
@@ -11,14 +11,16 @@ from ..sim.dynamics.base import Action
 from ..sim.env.base import Driver, Environment, State
 
 
-def greedy(agent: Agent, env: Environment) -> Callable[[PyTree], Driver]:
+def greedy(agent: Agent, env: Environment) -> Callable[[PyTree, Array], Driver]:
     """Builds the driver that takes the agent's most likely action.
 
     Returns:
-        A function of the agent's parameters.
+        A function of the agent's parameters and the number of a scenario.
     """
 
-    def driver_of(params: PyTree) -> Driver:
+    def driver_of(params: PyTree, number: Array) -> Driver:
+        del number
+
         def act(
             memory: Any, bank: Bank, state: State, key: PRNGKeyArray
         ) -> tuple[Any, Action]:

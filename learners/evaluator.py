@@ -1,4 +1,4 @@
-"""Plays every scenario of a bank on the mesh and returns the figures of each."""
+"""Plays every scenario of a bank on the mesh and returns what is kept of each."""
 
 from collections.abc import Callable
 
@@ -10,7 +10,7 @@ from jaxtyping import Array, PRNGKeyArray, PyTree
 
 from ..sim.data.bank import Bank
 from ..sim.env.base import Driver, Environment
-from ..sim.env.rollout import rollout
+from ..sim.env.rollout import Rollout, rollout
 from ..sim.metrics import aggregate
 from ..sim.metrics.aggregate import Episode
 from . import mesh as meshes
@@ -18,37 +18,46 @@ from . import mesh as meshes
 BATCH = 16  # worlds that play side by side on a device
 CALL = 4 * BATCH  # worlds of a device in one call of the program
 
-Evaluator = Callable[[PyTree, Bank, PRNGKeyArray, Callable[[int], None]], Episode]
+Evaluator = Callable[[PyTree, Bank, PRNGKeyArray, Callable[[int], None]], PyTree]
+
+
+def figures(steps: Rollout) -> Episode:
+    """Returns the figures of the ego's episode."""
+    return aggregate.summarize(steps.measures)
 
 
 def compile_evaluator(
-    env: Environment, driver_of: Callable[[PyTree], Driver], mesh: Mesh
+    env: Environment,
+    driver_of: Callable[[PyTree, Array], Driver],
+    mesh: Mesh,
+    keep: Callable[[Rollout], PyTree] = figures,
 ) -> Evaluator:
     """Compiles the evaluation of a driver.
 
     Args:
         env: what is played.
-        driver_of: makes the driver from its parameters.
+        driver_of: makes the driver from its parameters and the number of the scenario
+            among all.
         mesh: the devices; each plays the scenarios of its own shard.
+        keep: what to return of each episode.
 
     Returns:
         A function of the parameters (a copy on each device), the bank (sharded along a
         leading axis of devices), a key, and a function that is told how many scenarios
-        are done. It returns the figures of all episodes, as NumPy arrays in the order
+        are done. It returns what is kept of all episodes, as NumPy arrays in the order
         in which `bank.build_shards` got the scenarios.
     """
 
-    def run(params: PyTree, bank: Bank, key: PRNGKeyArray, first: Array) -> Episode:
+    def run(params: PyTree, bank: Bank, key: PRNGKeyArray, first: Array) -> PyTree:
         local_bank = jax.tree.map(lambda leaf: leaf[0], bank)
-        driver = driver_of(params)
 
         def play(number):
             index = jnp.minimum(number, local_bank.num_scenarios - 1)
             # By the number among all scenarios: the same on any number of devices.
-            shard = jax.lax.axis_index(meshes.AXIS)
-            episode_key = jax.random.fold_in(key, number * mesh.size + shard)
-            steps = rollout(env, driver, local_bank, index, episode_key)
-            return aggregate.summarize(steps.measures)
+            overall = number * mesh.size + jax.lax.axis_index(meshes.AXIS)
+            episode_key = jax.random.fold_in(key, overall)
+            driver = driver_of(params, overall)
+            return keep(rollout(env, driver, local_bank, index, episode_key))
 
         count = min(CALL, len(local_bank.num_steps))
         numbers = first + jnp.arange(count)
@@ -70,16 +79,19 @@ def compile_evaluator(
         bank: Bank,
         key: PRNGKeyArray,
         tick: Callable[[int], None] = lambda done: None,
-    ) -> Episode:
+    ) -> PyTree:
         total = int(np.sum(bank.num_scenarios))
         calls = []
         for first in range(0, bank.num_steps.shape[1], CALL):
             start = meshes.replicate(mesh, jnp.int32(first))
             calls.append(jax.device_get(program(params, bank, key, start)))
             tick(min((first + CALL) * mesh.size, total))
+
         # Number j of shard d is scenario j * num_shards + d.
-        return jax.tree.map(
-            lambda *leaves: np.concatenate(leaves).reshape(-1)[:total], *calls
-        )
+        def in_order(*leaves: np.ndarray) -> np.ndarray:
+            whole = np.concatenate(leaves)
+            return whole.reshape(-1, *whole.shape[2:])[:total]
+
+        return jax.tree.map(in_order, *calls)
 
     return evaluate

@@ -10,6 +10,7 @@ SIM_AGENTS = {
     "playback": lambda: PLAYBACK,
     "constant_speed": lambda: CONSTANT_SPEED,
     "idm": lambda: idm(IdmConfig()),
+    "idm_lights": lambda: idm(IdmConfig(stops_at_lights=True)),
 }
 
 

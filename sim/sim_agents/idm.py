@@ -1,18 +1,22 @@
 """Drives vehicles by the intelligent driver model (Treiber et al. 2000; W 3.5)."""
 
 import dataclasses
+import math
+from dataclasses import field
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from .. import geometry
+from .. import box_search, geometry
+from ..box_search import Boxes
 from ..motion import Motion
 from ..scenario import ObjectType
 from ..scene import Scene
-from . import logged_path
+from . import logged_path, stop_lights
 from .base import Carry, SimAgent
 from .logged_path import Follower
+from .stop_lights import LightConfig
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -27,6 +31,21 @@ class IdmConfig:
     exponent: float = 4.0  # delta
     lookahead: float = 50.0  # metres along the way in which a leader is sought
     num_chords: int = 10  # straight pieces by which the way ahead is swept
+    stops_at_lights: bool = False  # that are red
+    lights: LightConfig = field(default_factory=LightConfig)
+
+    def __post_init__(self) -> None:
+        """Checks the ranges.
+
+        Raises:
+            ValueError: if a parameter is not positive and finite.
+        """
+        numbers = dataclasses.asdict(self)
+        for name in ("stops_at_lights", "lights"):
+            del numbers[name]
+        for name, number in numbers.items():
+            if not 0 < number < math.inf:
+                raise ValueError(f"{name} of the IDM must be positive, got {number}.")
 
     @property
     def chord(self) -> float:
@@ -57,7 +76,7 @@ def idm(config: IdmConfig) -> SimAgent:
     def step(
         scene: Scene, carry: Carry, motion: Motion, step: Int[Array, ""]
     ) -> tuple[Carry, Motion]:
-        acceleration = _acceleration(config, scene, carry, motion)
+        acceleration = _acceleration(config, scene, carry, motion, step)
         return logged_path.advance(scene, carry, acceleration, scene.log_at(step + 1))
 
     return SimAgent("idm", reset, step)
@@ -77,27 +96,62 @@ def _overlaps(motion: Motion, size: Float[Array, "objects 3"]):
 
 
 def _acceleration(
-    config: IdmConfig, scene: Scene, follower: Follower, motion: Motion
+    config: IdmConfig,
+    scene: Scene,
+    follower: Follower,
+    motion: Motion,
+    step: Int[Array, ""],
 ) -> Float[Array, " objects"]:
     """Returns the acceleration of the model.
 
         dv/dt = a [1 - (v / v0)^delta - (s* / s)^2]
-        s* = s0 + max(0, v T + v (v - v_l) / (2 sqrt(a b)))
 
-    s is the gap to the leader and v_l its speed along the way; the last term is zero
-    without a leader.
+    A red light is a leader at rest. Of two leaders the one that brakes harder counts.
     """
-    gap, leader_speed = _leader(config, scene, follower, motion)
-    speed = follower.speed
+    speed, size = follower.speed, scene.object_size
+    stations = config.chord * jnp.arange(config.num_chords + 1)
+    way, _ = follower.path.at(follower.arc[:, None] + stations[None])
+    gap, leader_speed = _leader(way, follower.is_driven, config.chord, motion, size)
+    interaction = _interaction(config, speed, gap, leader_speed)
+    if config.stops_at_lights:
+        red = jax.vmap(stop_lights.gap, in_axes=(None, None, 0, None, 0, 0))(
+            config.lights,
+            scene.lights_at(step),
+            way,
+            config.chord,
+            size[:, 0] / 2,
+            speed,
+        )
+        at_rest = _interaction(config, speed, red, jnp.zeros_like(speed))
+        interaction = jnp.maximum(interaction, at_rest)
+    free = 1 - (speed / config.desired_speed) ** config.exponent
+    return config.acceleration * (free - interaction)
+
+
+def _interaction(
+    config: IdmConfig,
+    speed: Float[Array, " objects"],
+    gap: Float[Array, " objects"],
+    leader_speed: Float[Array, " objects"],
+) -> Float[Array, " objects"]:
+    """Returns how much a leader brakes, zero without one, where the gap is infinite.
+
+        (s* / s)^2,   s* = s0 + max(0, v T + v (v - v_l) / (2 sqrt(a b)))
+
+    s is the gap to the leader and v_l its speed along the way.
+    """
     braking = 2 * (config.acceleration * config.deceleration) ** 0.5
     approach = speed * config.time_gap + speed * (speed - leader_speed) / braking
     desired_gap = config.min_gap + jnp.maximum(approach, 0.0)
-    free = 1 - (speed / config.desired_speed) ** config.exponent
-    return config.acceleration * (free - (desired_gap / gap) ** 2)
+    return (desired_gap / jnp.maximum(gap, MIN_GAP)) ** 2
 
 
 def _leader(
-    config: IdmConfig, scene: Scene, follower: Follower, motion: Motion
+    way: Float[Array, "objects stations 2"],
+    active: Bool[Array, " objects"],
+    chord_spacing: float,
+    motion: Motion,
+    size: Float[Array, "objects 3"],
 ) -> tuple[Float[Array, " objects"], Float[Array, " objects"]]:
     """Finds the gap to the nearest box on each object's swept path, and its speed.
 
@@ -105,38 +159,24 @@ def _leader(
     The gap reaches from the front of the object to the corner of the other box that
     comes first along the chord.
 
+    Args:
+        way: places at equal distances along each object's way, from where it is [m].
+        active: whose leader is sought.
+        chord_spacing: the distance between them along the way [m].
+        motion: of all objects.
+        size: of all objects [m].
+
     Returns:
         The gap [m], infinite without a leader, and the leader's speed along the way
         [m/s].
     """
-    stations = config.chord * jnp.arange(config.num_chords + 1)
-    place, _ = follower.path.at(follower.arc[:, None] + stations[None])
-    size = scene.object_size
-    corners = geometry.box_corners(motion.xy, motion.yaw, size)
-    numbers = jnp.arange(len(motion.yaw))
+    boxes = Boxes(xy=motion.xy, yaw=motion.yaw, size=size, valid=motion.valid)
 
-    def sweep(number, place, width, length):
-        start, along = place[:-1], jnp.diff(place, axis=0)
-        chord_length = geometry.norm(along)
-        heading = along / jnp.maximum(chord_length, 1e-6)[:, None]
-        chord_size = jnp.stack(
-            [chord_length, jnp.full_like(chord_length, width)], axis=-1
-        )
-        hit = geometry.boxes_overlap(
-            (start + along / 2)[:, None],
-            jnp.arctan2(heading[:, 1], heading[:, 0])[:, None],
-            chord_size[:, None],
-            motion.xy[None],
-            motion.yaw[None],
-            size[None],
-        )
-        ahead = jnp.einsum("jkc,mc->mjk", corners, heading).min(axis=-1)
-        ahead = jnp.maximum(ahead - geometry.dot(start, heading)[:, None], 0.0)
-        is_other = motion.valid & (numbers != number)
-        contact = stations[:-1, None] + ahead
-        contact = jnp.where(hit & is_other[None], contact, jnp.inf)
-        chord, leader = jnp.unravel_index(jnp.argmin(contact), contact.shape)
-        gap = jnp.maximum(contact[chord, leader] - length / 2, MIN_GAP)
-        return gap, geometry.dot(motion.velocity[leader], heading[chord])
+    def sweep(number, active, way):
+        met = box_search.first_contact(boxes, number, active, way, chord_spacing)
+        along = way[met.chord + 1] - way[met.chord]
+        heading = along / jnp.maximum(geometry.norm(along), 1e-6)
+        gap = met.distance - size[number, 0] / 2
+        return gap, geometry.dot(motion.velocity[met.box], heading)
 
-    return jax.vmap(sweep)(numbers, place, size[:, 1], size[:, 0])
+    return jax.vmap(sweep)(jnp.arange(len(active)), active, way)

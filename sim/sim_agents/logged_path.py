@@ -21,6 +21,7 @@ class LoggedPath(Record):
     xy: Float[Array, "objects steps 2"]  # metres
     yaw: Float[Array, "objects steps"]  # radians
     arc: Float[Array, "objects steps"]  # from the current step on [m]
+    ends_backwards: Bool[Array, " objects"]  # whether the last metre was reversed
     is_driven: Bool[Array, " objects"]  # there at the current step, and moves on
 
     def at(
@@ -28,26 +29,29 @@ class LoggedPath(Record):
     ) -> tuple[Float[Array, "objects stations 2"], Float[Array, "objects stations"]]:
         """Returns place and yaw at arc lengths.
 
-        Linear between logged steps, and straight on along the last yaw after the end.
+        Linear between logged steps, and straight on after the end: along the last yaw,
+        or against it where the log ends backwards.
 
         Args:
             arc: from the start of each object's way, not negative [m].
         """
-        return jax.vmap(_interpolate)(self.xy, self.yaw, self.arc, arc)
+        xy, yaw = jax.vmap(_interpolate)(self.xy, self.yaw, self.arc, arc)
+        beyond = jnp.maximum(arc - self.arc[:, -1:], 0.0)
+        beyond = jnp.where(self.ends_backwards[:, None], -beyond, beyond)
+        return xy + beyond[..., None] * geometry.direction(yaw), yaw
 
 
 def _interpolate(xy, yaw, arc, station):
+    """Interpolates between steps, and stays at the last one after the end."""
     last = len(arc) - 1
     start = jnp.sum(arc[None] <= station[:, None], axis=-1) - 1
     end = jnp.minimum(start + 1, last)
     length = arc[end] - arc[start]
     share = (station - arc[start]) / jnp.where(length > 0, length, 1.0)
     share = jnp.where(length > 0, share, 0.0)
-    beyond = jnp.where(start == last, station - arc[last], 0.0)
     turn = geometry.wrap_angle(yaw[end] - yaw[start])
     station_yaw = geometry.wrap_angle(yaw[start] + share * turn)
-    station_xy = xy[start] + share[:, None] * (xy[end] - xy[start])
-    return station_xy + beyond[:, None] * geometry.direction(station_yaw), station_yaw
+    return xy[start] + share[:, None] * (xy[end] - xy[start]), station_yaw
 
 
 def logged_path(scene: Scene) -> LoggedPath:
@@ -63,10 +67,15 @@ def logged_path(scene: Scene) -> LoggedPath:
     arc = jnp.cumsum(jnp.where(start[None], moved, 0.0), axis=0)
     # Not the length of the way: noise makes metres of it for parked cars.
     reach = jnp.max(geometry.norm(xy - xy[:1]), axis=0)
+    xy, yaw, arc = jnp.swapaxes(xy, 0, 1), yaw.T, arc.T
+    near_end = jnp.maximum(arc[:, -1:] - 1.0, 0.0)
+    before, _ = jax.vmap(_interpolate)(xy, yaw, arc, near_end)
+    last_metre = xy[:, -1] - before[:, 0]
     return LoggedPath(
-        xy=jnp.swapaxes(xy, 0, 1),
-        yaw=yaw.T,
-        arc=arc.T,
+        xy=xy,
+        yaw=yaw,
+        arc=arc,
+        ends_backwards=geometry.dot(last_metre, geometry.direction(yaw[:, -1])) < 0,
         is_driven=start & (reach >= MIN_REACH),
     )
 
@@ -102,6 +111,8 @@ def advance(
 
         v' = max(0, v + a dt),   s' = s + (v + v') dt / 2
 
+    The velocity points along the yaw, and against it where the way leads backwards.
+
     Args:
         scene: the scenario.
         follower: before the step.
@@ -111,7 +122,10 @@ def advance(
     dt = scene.bank.dt
     speed = jnp.maximum(follower.speed + acceleration * dt, 0.0)
     arc = follower.arc + (follower.speed + speed) / 2 * dt
-    xy, yaw = jax.tree.map(lambda leaf: leaf[:, 0], follower.path.at(arc[:, None]))
+    places, yaws = follower.path.at(jnp.stack([follower.arc, arc], axis=1))
+    xy, yaw, heading = places[:, 1], yaws[:, 1], geometry.direction(yaws[:, 1])
+    is_back = geometry.dot(xy - places[:, 0], heading) < 0
+    signed_speed = jnp.where(is_back, -speed, speed)
     driven = follower.is_driven
     moved = Motion(
         xyz=jnp.where(
@@ -121,7 +135,7 @@ def advance(
         ),
         yaw=jnp.where(driven, yaw, logged.yaw),
         velocity=jnp.where(
-            driven[:, None], speed[:, None] * geometry.direction(yaw), logged.velocity
+            driven[:, None], signed_speed[:, None] * heading, logged.velocity
         ),
         valid=logged.valid | driven,
     )

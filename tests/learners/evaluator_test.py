@@ -37,7 +37,7 @@ def sharded():
 def test_an_evaluation_plays_every_scenario_in_order() -> None:
     env, mesh = env_of("bicycle"), meshes.data_mesh()
     driver = drivers.build("coast", dynamics.build("bicycle"))
-    evaluate = compile_evaluator(env, lambda params: driver, mesh)
+    evaluate = compile_evaluator(env, lambda params, number: driver, mesh)
     episodes = evaluate((), sharded(), meshes.replicate(mesh, jax.random.key(0)))
 
     @jax.jit

@@ -23,8 +23,14 @@ NUM_STEPS = 80
 NUM_OBJECTS = 8  # the oracle's loops take seconds for more
 # Errors of float32 in a gap grow while a queue settles; 80 steps of 0.1 s leave
 # centimetres where a box only just meets the swept way at one step.
+STOPS = (1, 4)  # an arrow, and a plain light
 ROUNDING = 0.02  # metres
+# The model creeps up to its least gap, 2 m: slower than 0.5 m/s in the last metre.
+LARGEST_WAITING_GAP = 3.0  # metres
 SPEED_ROUNDING = 0.05  # metres per second
+
+
+lights_at = jax.jit(Scene.lights_at)
 
 
 @functools.partial(jax.jit, static_argnames="name")
@@ -66,13 +72,28 @@ def world_of(log: oracle.Log, step: int) -> oracle.World:
     )
 
 
-def play_oracle(log: oracle.Log, start: int) -> list[oracle.World]:
-    """Lets the oracle drive everybody."""
+def lights_of(scene: Scene, step: int) -> list[oracle.Light]:
+    """Returns the lights whose lane is known."""
+    lights = lights_at(scene, jnp.int32(step))
+    return [
+        oracle.Light(np.float64(xyz[:2]), float(yaw), int(state) in STOPS)
+        for xyz, yaw, state, has_lane in zip(
+            lights.xyz, lights.yaw, lights.state, lights.has_lane, strict=True
+        )
+        if has_lane
+    ]
+
+
+def play_oracle(
+    log: oracle.Log, start: int, scene: Scene | None = None
+) -> list[oracle.World]:
+    """Lets the oracle drive everybody, stopping at the lights of a scene."""
     agents = oracle.IdmOracle(log, start, oracle.Params())
     worlds_after = []
     now = world_of(log, start)
     for step in range(start, start + NUM_STEPS):
-        target, logged = agents.step(now), world_of(log, step + 1)
+        lights = lights_of(scene, step) if scene else ()
+        target, logged = agents.step(now, lights), world_of(log, step + 1)
         driven = agents.driven
         now = oracle.World(
             np.where(driven[:, None], target.xy, logged.xy),
@@ -93,15 +114,19 @@ def few(kind: str) -> tuple[Scenario, ...]:
     return tuple(synthetic.generate(seed, config) for seed in range(3))
 
 
+@pytest.mark.parametrize("name", ["idm", "idm_lights"])
 @pytest.mark.parametrize("kind", worlds.KINDS)
-def test_episodes_are_those_of_the_oracle(kind: str) -> None:
+def test_episodes_are_those_of_the_oracle(kind: str, name: str) -> None:
     scenarios = few(kind)
     bank = worlds.bank_of([worlds.exact(s) for s in scenarios], NUM_OBJECTS)
     num_driven = 0
     for index, scenario in enumerate(scenarios):
         log = log_of(scenario, NUM_OBJECTS)
-        played = play(worlds.scene(bank, index), "idm")
-        expected = play_oracle(log, scenario.current_step)
+        scene = worlds.scene(bank, index)
+        played = play(scene, name)
+        expected = play_oracle(
+            log, scenario.current_step, scene if name == "idm_lights" else None
+        )
         agents = oracle.IdmOracle(log, scenario.current_step, oracle.Params())
         num_driven += agents.driven.sum()
         for step, world in enumerate(expected):
@@ -115,6 +140,33 @@ def test_episodes_are_those_of_the_oracle(kind: str) -> None:
                 ours.velocity[here], world.velocity[here], rtol=0, atol=SPEED_ROUNDING
             )
     assert num_driven > 3  # else the samples prove nothing
+
+
+def test_a_red_light_is_waited_at() -> None:
+    bank = worlds.bank_of([worlds.exact(s) for s in few("generated")], NUM_OBJECTS)
+    scene = worlds.scene(bank, 2)
+    last = scene.current_step + NUM_STEPS
+    free, held = (
+        jax.tree.map(operator.itemgetter(-1), play(scene, name))
+        for name in ("idm", "idm_lights")
+    )
+    stops = np.array([light.xy for light in lights_of(scene, last) if light.is_red])
+    front = np.asarray(held.xy) + 0.5 * np.asarray(scene.object_size)[:, :1] * np.stack(
+        [np.cos(held.yaw), np.sin(held.yaw)], axis=-1
+    )
+    ahead = np.linalg.norm(front[:, None] - stops[None], axis=-1).min(axis=1)
+    is_late = np.linalg.norm(free.xy - held.xy, axis=-1) > 10.0
+    waits = is_late & (np.asarray(held.speed) < 0.5) & (ahead < LARGEST_WAITING_GAP)
+    assert waits.any() and np.all(ahead[waits] > IdmConfig().min_gap)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("desired_speed", 0.0), ("num_chords", 0), ("min_gap", -1.0)]
+)
+def test_a_wrong_parameter_is_told(name: str, value: float) -> None:
+    sentence = f"{name} of the IDM must be positive, got {value}"
+    with pytest.raises(ValueError, match=sentence):
+        IdmConfig(**{name: value})
 
 
 @pytest.mark.parametrize("kind", worlds.KINDS)

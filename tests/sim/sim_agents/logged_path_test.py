@@ -131,3 +131,32 @@ def test_full_braking_ends_in_a_stop() -> None:
     np.testing.assert_allclose(after.arc, follower.speed * 0.05, rtol=1e-5)
     driven = np.asarray(after.is_driven)
     np.testing.assert_array_equal(np.asarray(moved.velocity)[driven], 0)
+
+
+def test_a_car_that_reverses_goes_on_backwards() -> None:
+    scenario = worlds.scenarios("generated")[0]
+    tracks, now, yaw = scenario.tracks, scenario.current_step, 0.7
+    ahead = np.array([np.cos(yaw), np.sin(yaw)])
+    xyz, yaws, velocity = tracks.xyz.copy(), tracks.yaw.copy(), tracks.velocity.copy()
+    valid = tracks.valid.copy()
+    steps = np.arange(20)  # 0.4 m each, backwards: 7.6 m
+    xyz[1, now : now + 20, :2] = xyz[0, now, :2] - 0.4 * steps[:, None] * ahead
+    yaws[1], velocity[1] = yaw, -4.0 * ahead
+    valid[1] = np.isin(np.arange(scenario.num_steps), now + steps)
+    tracks = dataclasses.replace(
+        tracks, xyz=xyz, yaw=yaws, velocity=velocity, valid=valid
+    )
+    scenario = dataclasses.replace(scenario, tracks=tracks)
+    bank = worlds.bank_of([worlds.exact(scenario)])
+    slot = int(np.flatnonzero(worlds.order_of(scenario, worlds.MAX_OBJECTS) == 1)[0])
+    scene = worlds.scene(bank, 0)
+    follower = jax.jit(logged_path.follow)(scene)
+    advance = jax.jit(logged_path.advance)
+    still = jnp.zeros(len(follower.arc))
+    for step in range(1, 31):  # the log of the car ends after 19
+        logged = worlds.log_at(scene, jnp.int32(now + step))
+        follower, moved = advance(scene, follower, still, logged)
+        start = (xyz[1, now] - scenario.origin)[:2]
+        expected = start - 0.4 * step * ahead
+        np.testing.assert_allclose(moved.xy[slot], expected, atol=ROUNDING)
+        np.testing.assert_allclose(moved.velocity[slot], -4.0 * ahead, rtol=1e-5)
