@@ -10,10 +10,10 @@ from ..data.bank import Bank
 from ..dynamics.base import Action, Dynamics
 from ..goals import logged_goal
 from ..metrics.build import EGO
+from ..motions import object_of
 from ..observations.base import Observation, Observer, View
 from ..records import Record
 from ..scene import Scene
-from .planning import object_of
 
 
 class Demonstration(Record):

@@ -5,18 +5,17 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int, PRNGKeyArray
 
 from ..data.bank import Bank
-from ..goals import logged_goal
 from ..metrics.base import Measure, Moment
 from ..metrics.build import measure_all
 from ..motion import Motion
 from ..records import Record
 from ..scene import Scene
 from .base import Driver, Environment
-from .rollout import rollout
+from .rollout import play
 
 
 class Recording(Record):
-    """All steps of a scenario: logged ones up to the current step, then simulated."""
+    """All steps of a scenario: logged ones up to the start, then simulated."""
 
     motion: Motion  # with a leading axis of steps
     measures: dict[str, Measure]  # [steps, objects]; [steps] where only for the ego
@@ -33,37 +32,40 @@ def record(
 
     Metrics that look at a step and the one before are not valid at the first step.
     """
+    reset_key, key = jax.random.split(key)
+    state = env.reset(bank, index, reset_key)
+    played = play(env, driver, bank, state, key).motion
+    simulated = jax.tree.map(
+        lambda start, later: jnp.concatenate([start[None], later]), state.motion, played
+    )
     scene = Scene(bank=bank, index=index)
-    played = rollout(env, driver, bank, index, key).motion
     steps = jnp.arange(bank.sizes.num_steps)
     log = jax.vmap(scene.log_at)(steps)
-    is_simulated = steps > scene.current_step
-    place = jnp.clip(steps - scene.current_step - 1, 0, bank.sizes.num_simulated - 1)
+    is_simulated = steps >= state.step
+    place = jnp.clip(steps - state.step, 0, bank.sizes.num_simulated)
     motion = jax.tree.map(
         lambda logged, simulated: jnp.where(
             is_simulated.reshape(-1, *[1] * (logged.ndim - 1)), simulated[place], logged
         ),
         log,
-        played,
+        simulated,
     )
     motion = motion.replace(
         valid=motion.valid & (steps < scene.num_steps)[:, None],
     )
     before = jax.tree.map(lambda leaf: jnp.roll(leaf, 1, axis=0), motion)
     before = before.replace(valid=before.valid.at[0].set(False))
-    size = scene.object_size
-    goal = logged_goal(scene, scene.log_at(scene.current_step))
 
     def measure(step, before, after, logged):
         return measure_all(
             Moment(
                 scene=scene,
-                object_size=size,
+                object_size=state.object_size,
                 step=step,
                 before=before,
                 after=after,
                 logged=logged,
-                goal=goal,
+                goal=state.goal,
             )
         )
 

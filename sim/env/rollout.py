@@ -2,21 +2,27 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from ..data.bank import Bank
 from ..metrics.base import Measure
 from ..motion import Motion
 from ..records import Record
-from ..scene import Scene
-from .base import Driver, Environment, State, Timestep
+from .base import Act, Driver, Environment, State, Timestep
+from .starts import StartScene
 
 
 class Rollout(Record):
-    """The steps of an episode, with a leading axis of steps."""
+    """The steps of an episode, with a leading axis of steps.
 
+    The figures of the episode are `aggregate.summarize(measures)`; in multi-agent those
+    of each object are `jax.vmap(aggregate.summarize, in_axes=1)(measures)`.
+    """
+
+    action: Act  # that was taken
     motion: Motion  # after each step
-    measures: dict[str, Measure]  # of the ego; not valid after the end of the log
+    reward: Float[Array, "*steps"]  # zero after the end of the log
+    measures: dict[str, Measure]  # of the ego or of each object; likewise not valid
     valid: Bool[Array, " steps"]  # False after the end of the log
 
 
@@ -27,10 +33,20 @@ def rollout(
     index: Int[Array, ""],
     key: PRNGKeyArray,
 ) -> Rollout:
-    """Plays one scenario from its current step to the end of its log.
+    """Plays one scenario from the start of an episode to the end of its log.
 
     The number of steps is that of the longest log of the bank; shorter ones are masked.
     """
+    reset_key, key = jax.random.split(key)
+    return play(env, driver, bank, env.reset(bank, index, reset_key), key)
+
+
+def play(
+    env: Environment, driver: Driver, bank: Bank, state: State, key: PRNGKeyArray
+) -> Rollout:
+    """Plays a world from the start of its episode on, as `rollout` does."""
+    scene = StartScene(bank=bank, index=state.index, start=state.step)
+    num_steps = scene.num_steps
 
     def step(carry, key):
         state, memory = carry
@@ -41,13 +57,15 @@ def rollout(
             name: measure.replace(valid=measure.valid & valid)
             for name, measure in timestep.measures.items()
         }
-        out = Rollout(motion=following.motion, measures=measures, valid=valid)
+        out = Rollout(
+            action=action,
+            motion=following.motion,
+            reward=jnp.where(valid, timestep.reward, 0.0),
+            measures=measures,
+            valid=valid,
+        )
         return (following, memory), out
 
-    scene = Scene(bank=bank, index=index)
-    num_steps = scene.num_steps
-    reset_key, key = jax.random.split(key)
-    state = env.reset(bank, index, reset_key)
     keys = jax.random.split(key, bank.sizes.num_simulated)
     _, steps = jax.lax.scan(step, (state, driver.reset(scene)), keys)
     return steps
@@ -57,6 +75,8 @@ def step_or_reset(
     env: Environment, bank: Bank, state: State, timestep: Timestep, key: PRNGKeyArray
 ) -> State:
     """Returns the state, or a fresh one in a random scenario where the episode ended.
+
+    An episode ends with its log, or where nobody is left to act.
 
     Args:
         env: the environment.
