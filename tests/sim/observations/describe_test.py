@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 
 from drivetrain.sim.observations.base import Observation, Observer
+from drivetrain.sim.observations.compact import CompactConfig, compact
+from drivetrain.sim.observations.nocturne import NocturneConfig, nocturne
 from drivetrain.sim.observations.noise import NoiseConfig
 from drivetrain.sim.observations.vector import VectorConfig, vector
 from tests import worlds
 
 NOISE = NoiseConfig(position=0.3, yaw=0.05, velocity=0.3)
-# By name: all groups, and as few as there can be.
-OBSERVERS = {
+# Of the vector, by name: all groups, and as few as there can be.
+VECTORS = {
     "whole": vector(VectorConfig(history=2, num_road=32, goal=True, noise=NOISE)),
     "bare": vector(
         VectorConfig(
@@ -26,6 +28,10 @@ OBSERVERS = {
             radius=30.0,
         )
     ),
+}
+OBSERVERS = VECTORS | {
+    "compact": compact(CompactConfig(num_objects=7, num_road=32)),
+    "nocturne": nocturne(NocturneConfig(num_road=64, num_lights=4)),
 }
 STEPS = (10, 45, 80)
 ROUNDING = 1e-5  # float32 at 80 m, in units of 20 m
@@ -69,7 +75,7 @@ def test_every_feature_of_every_group_is_named(name: str) -> None:
     (observation, *_) = seen(name, "generated")
     assert groups.keys() == observation.keys()
     for group, slots in groups.items():
-        assert len(slots) == observation[group].values.shape[-1]
+        assert len(slots) == observation[group].values.shape[-1], group
         assert len({slot.feature for slot in slots}) == len(slots)
 
 
@@ -88,7 +94,7 @@ def test_values_stay_in_the_ranges_said(name: str, kind: str) -> None:
             assert slot.low - ROUNDING <= low and high <= slot.high + ROUNDING, slot
 
 
-@pytest.mark.parametrize("name", OBSERVERS)
+@pytest.mark.parametrize("name", VECTORS)
 def test_features_are_what_their_names_say(name: str) -> None:
     scene = worlds.scene(worlds.bank("generated"), 0)
     observation = seen(name, "generated")[0]
