@@ -44,10 +44,15 @@ def scenario(scene: str) -> Scenario:
     )
 
 
-def oracle(scene: str, name: str) -> dict[str, np.ndarray]:
-    """Returns arrays of the oracle; the name says which, as in `env_{scene}_random`."""
-    scenario(scene)
-    with np.load(ORACLE / f"{name.format(scene=scene)}.npz") as arrays:
+def oracle(name: str) -> dict[str, np.ndarray]:
+    """Returns the arrays of one of the oracle's files, by its name.
+
+    Skips without them.
+    """
+    path = ORACLE / f"{name}.npz"
+    if not path.exists():
+        pytest.skip("the oracle of Nocturne in ../shared is not here")
+    with np.load(path) as arrays:
         return dict(arrays)
 
 

@@ -61,7 +61,7 @@ def dense(moment: Moment) -> jax.Array:
 @pytest.mark.parametrize("policy", ["expert", "random"])
 @pytest.mark.parametrize("name", nocturne.SCENES)
 def test_the_dense_reward_is_that_of_nocturne(name: str, policy: str) -> None:
-    oracle = nocturne.oracle(name, f"env_{{scene}}_{policy}_0")
+    oracle = nocturne.oracle(f"env_{name}_{policy}_0")
     origin = oracle["target"][0].astype(np.float64)
     goal = Goal(
         motion=motion_of(oracle["target"].astype(np.float64), origin),

@@ -4,7 +4,6 @@ The oracle (see the README beside its files) holds the states, rewards and flags
 episodes of its environment, two of the log's expert and two of random actions.
 """
 
-import dataclasses
 import functools
 import math
 from collections.abc import Callable
@@ -16,7 +15,6 @@ import pytest
 from jaxtyping import Array, Float
 
 from drivetrain.sim import rewards
-from drivetrain.sim.data import build as readers, routes
 from drivetrain.sim.data.bank import Bank
 from drivetrain.sim.dynamics import build as dynamics
 from drivetrain.sim.env import controlled
@@ -28,17 +26,12 @@ from drivetrain.sim.metrics.goal import GOAL
 from drivetrain.sim.motion import Motion
 from drivetrain.sim.observations.vector import VectorConfig, vector
 from drivetrain.sim.records import Record
-from drivetrain.sim.scenario import ObjectType, Scenario
 from drivetrain.sim.sim_agents.playback import PLAYBACK
-from tests import worlds
+from tests import nocturne, worlds
 
-ORACLE = worlds.REAL_DATA.parent / "oracles/nocturne"
-FILES = {
-    "example": "example_scenario.json.gz",
-    "large": "large_file_tfrecord.json.gz",
-}
-SCENES = tuple(FILES)
-EPISODES = [(scene, policy) for scene in SCENES for policy in ("expert", "random")]
+EPISODES = [
+    (scene, policy) for scene in nocturne.SCENES for policy in ("expert", "random")
+]
 BLIND = vector(VectorConfig(history=0, num_objects=1, num_road=1, num_lights=0))
 
 # At 9 km from its origin Nocturne's float32 rounds each of 80 steps by 0.5 mm at most;
@@ -57,41 +50,9 @@ class Episode(Record):
 
 
 @functools.cache
-def scenario(scene: str) -> Scenario:
-    """Returns a scene as Nocturne has it: the vehicles that are there at t = 0.
-
-    Objects are named by its numbers: it counts all that are there at t = 0.
-    """
-    path = worlds.REAL_DATA / "nocturne" / FILES[scene]
-    if not (path.exists() and ORACLE.exists()):
-        pytest.skip("the scenes and the oracle of Nocturne in ../shared are not here")
-    read = next(iter(readers.read(path)))
-    assert isinstance(read, Scenario)
-    tracks = read.tracks
-    is_here = tracks.valid[:, 0]
-    kept = np.flatnonzero(is_here & (tracks.object_type == ObjectType.VEHICLE))
-    columns = {
-        f.name: getattr(tracks, f.name)[kept] for f in dataclasses.fields(tracks)
-    }
-    columns["object_id"] = (np.cumsum(is_here) - 1)[kept]
-    ego_index = int(np.flatnonzero(kept == read.ego_index)[0])
-    tracks = dataclasses.replace(tracks, **columns)
-    return routes.with_paths(
-        dataclasses.replace(read, tracks=tracks, ego_index=ego_index)
-    )
-
-
-def oracle_of(scene: str, policy: str) -> dict[str, np.ndarray]:
-    """Returns the arrays of an episode; skips without them."""
-    scenario(scene)
-    with np.load(ORACLE / f"env_{scene}_{policy}_0.npz") as arrays:
-        return dict(arrays)
-
-
-@functools.cache
 def program(scene: str, space: str) -> Callable[[Float[Array, "80 n f"]], Episode]:
     """Compiles an episode of given actions; all that is not controlled plays back."""
-    bank = worlds.bank_of([worlds.exact(scenario(scene))], max_objects=64)
+    bank = worlds.bank_of([worlds.exact(nocturne.scenario(scene))], max_objects=64)
     env = multi_agent(
         (Team(dynamics.build(space), controlled.moving_vehicles()),),
         PLAYBACK,
@@ -117,7 +78,7 @@ def played(
     scene: str, space: str, ids: np.ndarray, action: Float[np.ndarray, "80 n f"]
 ) -> Episode:
     """Plays the actions of some vehicles and returns what happens to these."""
-    object_id = worlds.exact(scenario(scene)).object_id
+    object_id = worlds.exact(nocturne.scenario(scene)).object_id
     rows = np.array([np.flatnonzero(object_id == number)[0] for number in ids])
     # Nobody else may act, so that nobody else's actions may matter.
     actions = np.full((80, len(object_id), action.shape[-1]), np.nan, np.float32)
@@ -132,7 +93,7 @@ def played(
 @functools.cache
 def driven(scene: str, policy: str) -> tuple[dict[str, np.ndarray], Episode]:
     """Returns the oracle, and ours from the same actions."""
-    oracle = oracle_of(scene, policy)
+    oracle = nocturne.oracle(f"env_{scene}_{policy}_0")
     action = oracle["action"][..., :2]
     return oracle, played(scene, "kinematic_bicycle", oracle["ids"], action)
 
@@ -153,12 +114,12 @@ def assert_same_flags(oracle: dict[str, np.ndarray], timestep: Timestep) -> None
     np.testing.assert_array_equal(measured["collision"] * (1 - edge), vehicle)
 
 
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", nocturne.SCENES)
 def test_the_same_vehicles_are_controlled(scene: str) -> None:
-    bank = worlds.bank_of([worlds.exact(scenario(scene))], max_objects=64)
+    bank = worlds.bank_of([worlds.exact(nocturne.scenario(scene))], max_objects=64)
     mask = jax.jit(controlled.moving_vehicles())(worlds.scene(bank, 0))
-    names = worlds.exact(scenario(scene)).object_id[np.asarray(mask)]
-    assert sorted(names) == sorted(oracle_of(scene, "expert")["ids"])
+    names = worlds.exact(nocturne.scenario(scene)).object_id[np.asarray(mask)]
+    assert sorted(names) == sorted(nocturne.oracle(f"env_{scene}_expert_0")["ids"])
 
 
 @pytest.mark.parametrize(("scene", "policy"), EPISODES)
@@ -167,7 +128,7 @@ def test_the_same_actions_lead_to_the_same_states(scene: str, policy: str) -> No
     there, state = episode.motion.valid, oracle["state"][1:]
     goes_on = (oracle["done"] != -1) & ~(oracle["info"][..., :2] == 1).any(-1)
     np.testing.assert_array_equal(there, goes_on)
-    xy = episode.motion.xyz[..., :2] + scenario(scene).origin[:2]
+    xy = episode.motion.xyz[..., :2] + nocturne.scenario(scene).origin[:2]
     turn = episode.motion.yaw - state[..., 2]
     forward = np.stack([np.cos(state[..., 2]), np.sin(state[..., 2])], axis=-1)
     speed = np.sum(episode.motion.velocity * forward, axis=-1)
@@ -186,10 +147,10 @@ def test_the_same_actions_lead_to_the_same_flags(scene: str, policy: str) -> Non
 def test_the_same_states_give_the_same_rewards_and_flags(
     scene: str, policy: str
 ) -> None:
-    oracle = oracle_of(scene, policy)
+    oracle = nocturne.oracle(f"env_{scene}_{policy}_0")
     after = np.float64(oracle["state"][1:])
     xy, yaw, speed = np.split(after, (2, 3), axis=-1)
-    pose = [xy - scenario(scene).origin[:2], yaw, speed * np.cos(yaw)]
+    pose = [xy - nocturne.scenario(scene).origin[:2], yaw, speed * np.cos(yaw)]
     action = np.concatenate([*pose, speed * np.sin(yaw)], axis=-1)
     timestep = played(scene, "pose", oracle["ids"], action).timestep
     assert_same_flags(oracle, timestep)

@@ -86,8 +86,8 @@ def measured(
 
 @pytest.mark.parametrize("scene", nocturne.SCENES)
 def test_collisions_and_their_types_are_those_of_nocturne(scene: str) -> None:
-    ids = nocturne.oracle(scene, "obs_{scene}")["veh_id"]
-    oracle = nocturne.oracle(scene, "collision_{scene}")
+    ids = nocturne.oracle(f"obs_{scene}")["veh_id"]
+    oracle = nocturne.oracle(f"collision_{scene}")
     measures = measured(scene, ids, oracle["state"])
     hit = np.asarray(measures["collision"].value) > 0
     edge = np.asarray(measures["edge_contact"].value) > 0
@@ -99,7 +99,7 @@ def test_collisions_and_their_types_are_those_of_nocturne(scene: str) -> None:
 
 @pytest.mark.parametrize("scene", nocturne.SCENES)
 def test_goals_are_those_of_nocturne(scene: str) -> None:
-    oracle = nocturne.oracle(scene, "env_{scene}_expert_0")
+    oracle = nocturne.oracle(f"env_{scene}_expert_0")
     view = scene_of(scene)
     rows = nocturne.rows_of(scene, oracle["ids"])
     start = worlds.log_at(view, view.current_step)
@@ -117,7 +117,7 @@ def test_goals_are_those_of_nocturne(scene: str) -> None:
 @pytest.mark.parametrize("policy", POLICIES)
 @pytest.mark.parametrize("scene", nocturne.SCENES)
 def test_goals_are_reached_where_nocturne_says(scene: str, policy: str) -> None:
-    oracle = nocturne.oracle(scene, f"env_{{scene}}_{policy}_0")
+    oracle = nocturne.oracle(f"env_{scene}_{policy}_0")
     goal = measured(scene, oracle["ids"], oracle["state"][1:])["goal"]
     acted = ~np.isnan(oracle["state"][1:, :, 0])
     np.testing.assert_array_equal(goal.valid, acted)

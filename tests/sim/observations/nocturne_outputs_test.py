@@ -119,7 +119,7 @@ def blocks(flat_values: np.ndarray, ego: np.ndarray) -> dict[str, np.ndarray]:
 def logged_inputs(name: str):
     """Returns the motions, steps, viewers and head tilts of the stored looks."""
     _, scene = scene_of(name)
-    outputs = published.oracle(name, "obs_{scene}")
+    outputs = published.oracle(f"obs_{name}")
     step = jnp.asarray(outputs["t"], jnp.int32)
     viewer = jnp.asarray(published.rows_of(name, outputs["veh"]), jnp.int32)
     tilt = jnp.asarray(outputs["head"], jnp.float32)
@@ -132,7 +132,7 @@ def logged(name: str) -> Looks:
     motions, step, viewer, tilt = logged_inputs(name)
     action = jnp.zeros((len(step), 3)).at[:, 2].set(tilt)
     groups, visible = look(scene_of(name)[1], motions, step, viewer, action)
-    outputs = published.oracle(name, "obs_{scene}")
+    outputs = published.oracle(f"obs_{name}")
     ego = np.array(outputs["ego"])
     ego[:, 9] = tilt  # the reference tilts the head without an action
     expected = blocks(outputs["flat"], ego)
@@ -143,7 +143,7 @@ def logged(name: str) -> Looks:
 def driven(name: str) -> Looks:
     """Looks at vehicles driven by random actions, some into each other."""
     scenario, scene = scene_of(name)
-    outputs = published.oracle(name, "dynamics_{scene}")
+    outputs = published.oracle(f"dynamics_{name}")
     rows = published.rows_of(name, outputs["veh_id"])
     motions, actions = [], []
     for step in outputs["obs_steps"]:
@@ -188,7 +188,7 @@ def differences(name: str, ours: np.ndarray, theirs: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("name", published.SCENES)
 def test_every_object_that_nocturne_shows_is_visible(name: str) -> None:
-    outputs = published.oracle(name, "obs_{scene}")
+    outputs = published.oracle(f"obs_{name}")
     theirs = np.split(
         published.rows_of(name, outputs["all_obj"]),
         np.cumsum(outputs["n_all_obj"])[:-1],
@@ -226,7 +226,7 @@ def test_road_points_are_those_that_nocturne_shows() -> None:
     wrong, total = 0, 0
     for name in published.SCENES:
         scenario, scene = scene_of(name)
-        outputs = published.oracle(name, "obs_{scene}")
+        outputs = published.oracle(f"obs_{name}")
         motions, _, viewer, tilt = logged_inputs(name)
         hiding = np.zeros(motions.valid.shape, bool)
         looks = np.repeat(np.arange(len(viewer)), outputs["n_all_obj"])
