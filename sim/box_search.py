@@ -83,14 +83,10 @@ def first_contact(
         way: places at equal distances along the way [m].
         chord_length: the distance between them along the way [m].
     """
-
-    def natively(boxes, number, active, way):
-        return first_contact_natively(boxes, number, active, way, chord_length)
-
-    def plainly(boxes, number, active, way):
-        return first_contact_plainly(boxes, number, active, way, chord_length)
-
-    return library.on_cpu(natively, plainly)(boxes, number, active, way)
+    find = library.on_cpu(
+        first_contact_natively, first_contact_plainly, chord_length=chord_length
+    )
+    return find(boxes, number, active, way)
 
 
 def first_contact_natively(

@@ -52,14 +52,8 @@ def nearest_pieces(
         xy: the place, in the scenario's frame [m].
         reach: how many to find, and how far away.
     """
-
-    def natively(bank, index, xy):
-        return nearest_natively(bank, index, xy, reach)
-
-    def plainly(bank, index, xy):
-        return nearest_plainly(bank, index, xy, reach)
-
-    return library.on_cpu(natively, plainly)(bank, index, xy)
+    find = library.on_cpu(nearest_natively, nearest_plainly, reach=reach)
+    return find(bank, index, xy)
 
 
 def nearest_natively(
@@ -121,14 +115,8 @@ def touches_edge(
         height: how far above or below the box the middle of an edge segment may lie
             [m]; infinite to look from above only.
     """
-
-    def natively(bank, index, box):
-        return touches_natively(bank, index, box, height)
-
-    def plainly(bank, index, box):
-        return touches_plainly(bank, index, box, height)
-
-    return library.on_cpu(natively, plainly)(bank, index, box)
+    ask = library.on_cpu(touches_natively, touches_plainly, height=height)
+    return ask(bank, index, box)
 
 
 def touches_natively(

@@ -4,6 +4,7 @@
 #include <limits>
 
 #include "batch.h"
+#include "map.h"
 
 namespace drivetrain {
 namespace {
@@ -14,7 +15,6 @@ constexpr int kLevels = 6;        // of the tree
 constexpr int kCountBits = 4;     // of a leaf's number of blocks
 constexpr float kRootCell = 32;   // metres
 constexpr float kHeightWeight = 2;
-constexpr uint8_t kJoined = 32;   // in the tag of a vertex with a segment after it
 
 // The tables of a bank that the search reads, and the operands in their order.
 template <typename T>

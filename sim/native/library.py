@@ -55,7 +55,9 @@ def is_loaded() -> bool:
     return load() is None
 
 
-def on_cpu(natively: Callable[..., Any], plainly: Callable[..., Any]):
+def on_cpu(
+    natively: Callable[..., Any], plainly: Callable[..., Any], **static: Any
+) -> Callable[..., Any]:
     """Returns the function that takes the kernel on CPUs where there is one.
 
     Its answers are flags and numbers, so no gradient flows through it.
@@ -63,16 +65,17 @@ def on_cpu(natively: Callable[..., Any], plainly: Callable[..., Any]):
     Args:
         natively: calls the kernel.
         plainly: does the same in plain JAX, on any device.
+        static: what both are given by name besides their operands.
     """
 
     def ask(*operands: Any) -> Any:
         operands = jax.lax.stop_gradient(operands)
         if not is_loaded():
-            return plainly(*operands)
+            return plainly(*operands, **static)
         return jax.lax.platform_dependent(
             *operands,
-            cpu=lambda *operands: _vary_like(operands, natively(*operands)),
-            default=plainly,
+            cpu=lambda *operands: _vary_like(operands, natively(*operands, **static)),
+            default=functools.partial(plainly, **static),
         )
 
     return ask

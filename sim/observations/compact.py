@@ -20,13 +20,11 @@ from ..motion import Motion
 from ..native import library
 from ..records import Record
 from ..scenario import EDGES, LANES
+from . import describe
 from .base import Observation, Observer, Slot, TokenGroup, View
 from .ego_frame import LENGTH_UNIT, SIZE_UNIT, SPEED_UNIT, EgoFrame
 
 NUM_FEATURES = 7  # of an object, and of a piece of the map
-LENGTH = f"{LENGTH_UNIT:g} m"
-SPEED = f"{SPEED_UNIT:g} m/s"
-SIZE = f"{SIZE_UNIT:g} m"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -73,16 +71,16 @@ class Seen(Record):
 
 def compact(config: CompactConfig) -> Observer:
     """Builds the observer."""
-    offsets = tile_offsets(config.radius)
+    look = library.on_cpu(
+        look_natively,
+        look_plainly,
+        config=config,
+        offsets=tile_offsets(config.radius),
+    )
 
     def observe(view: View, number: Int[Array, ""]) -> Observation:
         now = jax.tree.map(lambda leaf: leaf[-1], view.motion)
         others = _others(now, view.object_size)
-        natively, plainly = (
-            lambda *operands, look=look: look(config, offsets, *operands)
-            for look in (look_natively, look_plainly)
-        )
-        look = library.on_cpu(natively, plainly)
         seen = look(view.scene.bank, view.scene.index, others, number)
         return {
             "ego": _group(_ego(view, now, others, number)[None], now.valid[number]),
@@ -102,12 +100,12 @@ def tile_offsets(radius: float) -> Int[np.ndarray, "tiles 2"]:
 
 
 def look_natively(
-    config: CompactConfig,
-    offsets: Int[np.ndarray, "tiles 2"],
     bank: Bank,
     index: Int[Array, ""],
     others: Others,
     number: Int[Array, ""],
+    config: CompactConfig,
+    offsets: Int[np.ndarray, "tiles 2"],
 ) -> Seen:
     """Asks the C++ kernel, on CPUs only."""
     count = jax.ShapeDtypeStruct((), jnp.int32)
@@ -139,12 +137,12 @@ def look_natively(
 
 
 def look_plainly(
-    config: CompactConfig,
-    offsets: Int[np.ndarray, "tiles 2"],
     bank: Bank,
     index: Int[Array, ""],
     others: Others,
     number: Int[Array, ""],
+    config: CompactConfig,
+    offsets: Int[np.ndarray, "tiles 2"],
 ) -> Seen:
     """Looks in plain JAX, on any device."""
     direction = others.direction[number]
@@ -253,31 +251,26 @@ def _group(rows, count) -> TokenGroup:
 
 
 def _describe() -> tuple[Slot, ...]:
-    anywhere = (-math.inf, math.inf)
-    turn, flag, length = (-1.0, 1.0), (0.0, 1.0), (0.0, math.inf)
-    rows = [
-        ("ego", "speed", SPEED, anywhere),
-        ("ego", "length", SIZE, length),
-        ("ego", "width", SIZE, length),
-        ("ego", "goal_x", LENGTH, anywhere),
-        ("ego", "goal_y", LENGTH, anywhere),
-        ("ego", "goal_speed", SPEED, length),
-        ("objects", "x", LENGTH, anywhere),
-        ("objects", "y", LENGTH, anywhere),
-        ("objects", "cos_yaw", "", turn),
-        ("objects", "sin_yaw", "", turn),
-        ("objects", "speed", SPEED, anywhere),
-        ("objects", "length", SIZE, length),
-        ("objects", "width", SIZE, length),
-        ("road", "middle_x", LENGTH, anywhere),
-        ("road", "middle_y", LENGTH, anywhere),
-        ("road", "cos_yaw", "", turn),
-        ("road", "sin_yaw", "", turn),
-        ("road", "half_length", LENGTH, length),
-        ("road", "is_edge", "", flag),
-        ("road", "is_lane", "", flag),
-    ]
-    return tuple(
-        Slot(group=group, feature=feature, unit=unit, low=low, high=high)
-        for group, feature, unit, (low, high) in rows
+    speed, anywhere = f"{SPEED_UNIT:g} m/s", math.inf
+    return (
+        Slot(group="ego", feature="speed", unit=speed, low=-anywhere, high=anywhere),
+        *describe.size("ego"),
+        *describe.place("ego", "goal_"),
+        Slot(group="ego", feature="goal_speed", unit=speed, low=0.0, high=anywhere),
+        *describe.place("objects"),
+        *describe.heading("objects"),
+        Slot(
+            group="objects", feature="speed", unit=speed, low=-anywhere, high=anywhere
+        ),
+        *describe.size("objects"),
+        *describe.place("road", "middle_"),
+        *describe.heading("road"),
+        Slot(
+            group="road",
+            feature="half_length",
+            unit=f"{LENGTH_UNIT:g} m",
+            low=0.0,
+            high=anywhere,
+        ),
+        *describe.kinds("road", ("edge", "lane")),
     )

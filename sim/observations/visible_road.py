@@ -29,14 +29,8 @@ def visible_road(scene: Scene, hiding: Boxes, cone: Cone, count: int) -> Chosen:
         The numbers of the points among `scene.map_points`, nearest first, and their
         mask.
     """
-
-    def natively(scene: Scene, hiding: Boxes, cone: Cone) -> Chosen:
-        return visible_natively(scene, hiding, cone, count)
-
-    def plainly(scene: Scene, hiding: Boxes, cone: Cone) -> Chosen:
-        return visible_plainly(scene, hiding, cone, count)
-
-    return library.on_cpu(natively, plainly)(scene, hiding, cone)
+    find = library.on_cpu(visible_natively, visible_plainly, count=count)
+    return find(scene, hiding, cone)
 
 
 def visible_natively(scene: Scene, hiding: Boxes, cone: Cone, count: int) -> Chosen:

@@ -167,7 +167,7 @@ def test_compact_views_agree(kind: str) -> None:
     asks = [
         for_all(
             lambda shared, number, look=look: look(
-                config, offsets, shared[0].bank, shared[0].index, shared[1], number
+                shared[0].bank, shared[0].index, shared[1], number, config, offsets
             )
         )
         for look in (compact.look_plainly, compact.look_natively)
