@@ -4,7 +4,18 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from .. import geometry
+from ..scene import Edge
 from .base import Measure, Metric, Moment
+
+
+def corner_edges(moment: Moment, number: Int[Array, ""]) -> Edge:
+    """Returns the nearest road edge of each corner of the box, with an axis of four."""
+    motion = moment.after
+    corners = geometry.box_corners(
+        motion.xy[number], motion.yaw[number], moment.object_size[number]
+    )
+    height = jnp.broadcast_to(motion.xyz[number, 2], (4, 1))
+    return moment.scene.nearest_edge(jnp.concatenate([corners, height], axis=-1))
 
 
 def measure(moment: Moment, number: Int[Array, ""]) -> Measure:
@@ -13,13 +24,8 @@ def measure(moment: Moment, number: Int[Array, ""]) -> Measure:
     The nearest edge is sought at the height of the box, so that a bridge is told from
     the road under it. Not valid where the map has no road edge.
     """
-    motion = moment.after
-    corners = geometry.box_corners(
-        motion.xy[number], motion.yaw[number], moment.object_size[number]
-    )
-    height = jnp.broadcast_to(motion.xyz[number, 2], (4, 1))
-    edge = moment.scene.nearest_edge(jnp.concatenate([corners, height], axis=-1))
-    valid = motion.valid[number] & jnp.all(edge.valid)
+    edge = corner_edges(moment, number)
+    valid = moment.after.valid[number] & jnp.all(edge.valid)
     off = jnp.any(edge.signed_distance > 0) & valid
     return Measure(value=off.astype(jnp.float32), valid=valid)
 

@@ -16,6 +16,7 @@ from jaxtyping import Array, Float, Int
 
 from .. import geometry
 from .base import Measure, Metric, Moment
+from .offroad import corner_edges
 
 SOFTNESS = 0.25  # metres
 
@@ -42,13 +43,8 @@ def offroad(moment: Moment, number: Int[Array, ""]) -> Measure:
 
     Nearest edges are sought as for the metric. Not valid where the map has none.
     """
-    motion = moment.after
-    corners = geometry.box_corners(
-        motion.xy[number], motion.yaw[number], moment.object_size[number]
-    )
-    height = jnp.broadcast_to(motion.xyz[number, 2], (4, 1))
-    edge = moment.scene.nearest_edge(jnp.concatenate([corners, height], axis=-1))
-    valid = motion.valid[number] & jnp.all(edge.valid)
+    edge = corner_edges(moment, number)
+    valid = moment.after.valid[number] & jnp.all(edge.valid)
     farthest = jnp.max(edge.signed_distance)
     return Measure(value=jnp.where(valid, _soften(farthest), 0.0), valid=valid)
 

@@ -12,7 +12,6 @@ from typing import Literal
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .. import geometry
@@ -24,6 +23,7 @@ from ..scene import Lights, Points, Scene
 from .base import Observation, Observer, Slot, TokenGroup, View
 from .ego_frame import stack
 from .nearest import nearest
+from .one_hot import one_hot_rows
 from .visibility import Cone, visible_objects
 from .visible_road import visible_road
 
@@ -256,16 +256,8 @@ def _drive(motion: Motion):
     return signed_speed(motion)[..., None] * geometry.direction(motion.yaw)
 
 
-def _one_hot(groups, num_codes: int) -> np.ndarray:
-    """Returns the one-hot group of each code."""
-    rows = np.zeros((num_codes, len(groups)), np.float32)
-    for number, codes in enumerate(groups):
-        rows[list(codes), number] = 1
-    return rows
-
-
-_ROAD_KIND = _one_hot(ROAD_KINDS.values(), NUM_MAP_TYPES)
-_LIGHT_STATE = _one_hot([(state,) for state in LIGHT_STATES], len(LightState))
+_ROAD_KIND = one_hot_rows(ROAD_KINDS.values(), NUM_MAP_TYPES)
+_LIGHT_STATE = one_hot_rows([(state,) for state in LIGHT_STATES], len(LightState))
 
 
 _BEARING = -math.pi, math.pi

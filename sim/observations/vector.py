@@ -12,7 +12,6 @@ from typing import Literal
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Int
 
 from .. import geometry
@@ -26,6 +25,7 @@ from .base import Observation, Observer, Slot, TokenGroup, View
 from .ego_frame import LENGTH_UNIT, SIZE_UNIT, EgoFrame, stack
 from .nearest import nearest
 from .noise import NoiseConfig, blurred
+from .one_hot import one_hot_rows
 
 Road = Literal["segments", "points"]
 OBJECT_KINDS = (ObjectType.VEHICLE, ObjectType.PEDESTRIAN, ObjectType.CYCLIST)
@@ -223,13 +223,5 @@ def _goal(goal: Motion, ego: EgoFrame, number) -> TokenGroup:
     return _tokens(seen[None, number, None], goal.valid[None, number, None])
 
 
-def _groups_of_codes(groups, num_codes: int) -> np.ndarray:
-    """Returns the one-hot group of each code; all zero for codes of no group."""
-    rows = np.zeros((num_codes, len(groups)), np.float32)
-    for number, codes in enumerate(groups):
-        rows[list(codes), number] = 1
-    return rows
-
-
-_OBJECT_KIND = _groups_of_codes([(kind,) for kind in OBJECT_KINDS], len(ObjectType))
-_ROAD_KIND = _groups_of_codes(ROAD_KINDS.values(), NUM_MAP_TYPES)
+_OBJECT_KIND = one_hot_rows([(kind,) for kind in OBJECT_KINDS], len(ObjectType))
+_ROAD_KIND = one_hot_rows(ROAD_KINDS.values(), NUM_MAP_TYPES)
