@@ -45,7 +45,7 @@ class State(Record):
     teams: tuple[Bool[Array, " objects"], ...]  # whom each controls; constant too
     admitted: Bool[Array, " objects"]  # may be there: not removed, not too late
     controls: Float[Array, "objects features"]  # of the last actions; coasting at first
-    key: PRNGKeyArray
+    key: PRNGKeyArray  # constant in an episode; views fold their step into it
 
     @property
     def controlled(self) -> Bool[Array, " objects"]:

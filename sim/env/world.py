@@ -121,7 +121,6 @@ def follow(
         history=jax.tree.map(lambda leaf: leaf[1:], seen),
         sim_agent=sim_agent,
         controls=controls,
-        key=jax.random.split(state.key)[0],
     )
 
 
@@ -134,5 +133,5 @@ def view(bank: Bank, state: State) -> View:
         object_size=state.object_size,
         goal=state.goal,
         controls=state.controls,
-        key=jax.random.split(state.key)[1],
+        key=jax.random.fold_in(state.key, state.step),
     )
