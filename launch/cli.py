@@ -4,6 +4,7 @@ import dataclasses
 import os
 import pathlib
 import sys
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 import jax
@@ -183,12 +184,7 @@ def evaluate(
     """
     if not 0 <= seed < 2**32:
         raise ValueError(f"seed must be from 0 to 2^32 - 1, got {seed}.")
-    for option, out in (("json", json), ("record", record)):
-        if out is not None and out.is_dir():
-            raise ValueError(f"--{option} '{out}' is a folder; name a file in it.")
-    for out in (json, dump, record):
-        if out is not None:
-            files.require_writable(out)
+    _require_outputs({"json": json, "record": record}, dump)
     player_of = evaluating.player_of(agent, dynamics, sim_agent, actions)
     source = loader.Source(
         path=data,
@@ -213,6 +209,18 @@ def evaluate(
     if dump is not None:
         with progress("dumping", len(loaded.scenarios), unit="scenarios") as line:
             dumps.dump(player, loaded, seed, dump, line.update)
+
+
+def _require_outputs(
+    outputs: Mapping[str, pathlib.Path | None], folder: pathlib.Path | None
+) -> None:
+    """Checks that files, by option, and a folder can be written."""
+    for option, out in outputs.items():
+        if out is not None and out.is_dir():
+            raise ValueError(f"--{option} '{out}' is a folder; name a file in it.")
+    for out in (*outputs.values(), folder):
+        if out is not None:
+            files.require_writable(out)
 
 
 def benchmark(
@@ -254,11 +262,7 @@ def benchmark(
         json: write the rows of the table to this file.
         report: write report.html and the plots as SVG and PNG to this folder.
     """
-    if json is not None and json.is_dir():
-        raise ValueError(f"--json '{json}' is a folder; name a file in it.")
-    for out in (json, report):
-        if out is not None:
-            files.require_writable(out)
+    _require_outputs({"json": json}, report)
     settings = Settings(
         data=data,
         scenarios=scenarios,

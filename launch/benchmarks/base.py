@@ -135,6 +135,31 @@ def rate(key: str, timing: Timing, count: float) -> tables.Row:
     }
 
 
+def plots_over_objects(
+    rows: Sequence[tables.Row], figures: Iterable[tuple[str, str, str]]
+) -> list[Plot]:
+    """Returns figures over the number of objects, with a line for each env and batch.
+
+    Args:
+        rows: of the table.
+        figures: of each plot its name, the key of the figure, and the label of its
+            axis.
+    """
+
+    def label(row: tables.Row) -> str:
+        return f"{row['env']}, batch {row['batch']}"
+
+    return [
+        Plot(
+            name=name,
+            x_label="objects",
+            y_label=y_label,
+            lines=lines_by(rows, label, "objects", key),
+        )
+        for name, key, y_label in figures
+    ]
+
+
 def lines_by(
     rows: Iterable[tables.Row], label: Callable[[tables.Row], str], x: str, y: str
 ) -> dict[str, tuple[list[float], list[float]]]:

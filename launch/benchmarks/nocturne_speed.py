@@ -31,7 +31,16 @@ from ...sim.scene import Scene
 from ...sim.sim_agents import build as sim_agents
 from .. import tables
 from . import published, timing
-from .base import Benchmark, Cell, Column, Plot, Settings, lines_by, rate, timed
+from .base import (
+    Benchmark,
+    Cell,
+    Column,
+    Plot,
+    Settings,
+    plots_over_objects,
+    rate,
+    timed,
+)
 from .scenes import Scenes, mean_valid
 
 NUM_STEPS = 80  # of an episode
@@ -127,22 +136,13 @@ def measure_cell(
 
 def plots(rows: Sequence[tables.Row]) -> list[Plot]:
     """Returns the rate over the objects of a scene, as N figure 7 does."""
-
-    def label(row: tables.Row) -> str:
-        return f"{row['env']}, batch {row['batch']}"
-
-    return [
-        Plot(
-            name=name,
-            x_label="objects",
-            y_label=y_label,
-            lines=lines_by(rows, label, "objects", key),
-        )
-        for name, key, y_label in (
+    return plots_over_objects(
+        rows,
+        (
             ("step", "step_ms", "step and observation [ms]"),
             ("rate", "agent_steps_per_s", "agent-steps/s"),
-        )
-    ]
+        ),
+    )
 
 
 def nocturne_speed(observer: Observer) -> Benchmark:

@@ -26,7 +26,7 @@ from ...sim.metrics.base import Metric
 from ...sim.sim_agents import build as sim_agents
 from .. import tables
 from . import published, timing
-from .base import Benchmark, Cell, Column, Plot, Settings, lines_by, timed
+from .base import Benchmark, Cell, Column, Plot, Settings, plots_over_objects, timed
 from .scenes import Scenes, mean_valid
 from .tasks import Task, multi_agent_task, planning_task
 
@@ -109,23 +109,14 @@ def measure_cell(
 
 def plots(rows: Sequence[tables.Row]) -> list[Plot]:
     """Returns step, rollout and memory over the number of objects (W figures 4, 5)."""
-
-    def label(row: tables.Row) -> str:
-        return f"{row['env']}, batch {row['batch']}"
-
-    return [
-        Plot(
-            name=name,
-            x_label="objects",
-            y_label=y_label,
-            lines=lines_by(rows, label, "objects", key),
-        )
-        for name, key, y_label in (
+    return plots_over_objects(
+        rows,
+        (
             ("step", "step_ms", "step [ms]"),
             ("rollout", "rollout_ms", "80-step rollout [ms]"),
             ("memory", "peak_memory_mb", "peak memory [MB]"),
-        )
-    ]
+        ),
+    )
 
 
 def runtime(metrics: tuple[Metric, ...]) -> Benchmark:

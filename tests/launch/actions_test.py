@@ -2,12 +2,11 @@
 
 import json
 import pathlib
-import sys
 
 import numpy as np
 import pytest
 
-from drivetrain.launch import actions, cli
+from drivetrain.launch import actions
 from drivetrain.launch.actions import Record
 from drivetrain.sim.data import synthetic
 
@@ -15,22 +14,6 @@ SEEDS = (2, 3, 4)
 WORDS = ("--data", "synthetic:2:3", "--max-objects", "6", "--sim-agent", "idm")
 # The sum of 80 steps of at most 3 m in float32; a step too late would make a metre.
 ROUNDING = 1e-3  # metres
-
-
-@pytest.fixture
-def drivetrain(monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path):
-    """Runs a command in an empty folder and returns its exit code."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*words: str) -> int:
-        monkeypatch.setattr(sys, "argv", ["drivetrain", *words])
-        try:
-            cli.main()
-        except SystemExit as stop:
-            return int(stop.code or 0)
-        return 0
-
-    return run
 
 
 def dumped(folder: pathlib.Path) -> dict[str, np.ndarray]:

@@ -2,12 +2,11 @@
 
 import json
 import pathlib
-import sys
 
 import numpy as np
 import pytest
 
-from drivetrain.launch import cli, logbook
+from drivetrain.launch import logbook
 
 TINY = """
 data: synthetic:0:4
@@ -19,22 +18,6 @@ updates: 4
 updates_per_call: 2
 updates_per_checkpoint: 2
 """
-
-
-@pytest.fixture
-def drivetrain(monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path):
-    """Runs a command in an empty folder and returns its exit code."""
-    monkeypatch.chdir(tmp_path)
-
-    def run(*words: str) -> int:
-        monkeypatch.setattr(sys, "argv", ["drivetrain", *words])
-        try:
-            cli.main()
-        except SystemExit as stop:
-            return int(stop.code or 0)
-        return 0
-
-    return run
 
 
 def scenario_file(path: pathlib.Path) -> pathlib.Path:
