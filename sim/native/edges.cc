@@ -30,76 +30,111 @@ struct Edges {
   Batched<const float> centre, quantum;
 };
 
-template <typename T>
-int32_t nearest(const Edges<T>& edges, const Place& place, const float* point) {
-  const int32_t scenario = *edges.index.at(place);
-  const float* corner = edges.corner.at(place) + 2 * scenario;
-  const int32_t* shape = edges.shape.at(place) + 2 * scenario;
-  if (shape[0] <= 0) return -1;
-  const int32_t* nodes =
-      edges.nodes.at(place) + edges.first_node.at(place)[scenario];
-  float inside[2];
-  int32_t root[2];
-  for (int axis = 0; axis < 2; ++axis) {
-    const float rim = std::max(shape[axis] * kRootCell - 1e-3f, 0.0f);
-    const float offset = point[axis] - corner[axis];
-    inside[axis] = offset > 0 ? std::min(offset, rim) : 0.0f;  // NaN goes to 0
-    root[axis] = static_cast<int32_t>(inside[axis] / kRootCell);
-  }
-  int32_t node = nodes[root[1] * shape[0] + root[0]];
-  float cell = kRootCell;
-  for (int level = 1; level < kLevels && node < 0; ++level) {
-    cell /= 2;
-    const int x = static_cast<int32_t>(inside[0] / cell) % 2;
-    const int y = static_cast<int32_t>(inside[1] / cell) % 2;
-    node = nodes[-node + 2 * y + x];
-  }
-  const int count = node & ((1 << kCountBits) - 1);
-  const uint16_t* list = edges.blocks.at(place) +
-                         edges.first_block.at(place)[scenario] + (node >> kCountBits);
-  const int32_t first_vertex = edges.first_vertex.at(place)[scenario];
-  const int32_t num_vertices = edges.num_edge_vertices.at(place)[scenario];
-  const T* vertices = edges.vertices.at(place) + 3 * int64_t{first_vertex};
-  const uint8_t* tag = edges.tag.at(place) + first_vertex;
-  const float quantum = edges.quantum.at(place)[scenario];
-  const float* centre = edges.centre.at(place) + 3 * scenario;
+// The segments that a leaf of the tree lists, from start along to end; height doubled.
+struct Candidates {
+  static constexpr int kMost = kBlock * kMaxBlocks;
 
-  constexpr float stretch[3] = {1, 1, kHeightWeight};
-  float best = std::numeric_limits<float>::infinity();
-  int32_t found = -1;
-  for (int i = 0; i < count; ++i) {
-    const int32_t first = kBlock * int32_t{list[i]};
-    const T* block = vertices + 3 * first;
-    float squared[kBlock];
-    for (int segment = 0; segment < kBlock; ++segment) {
-      float along_sq = 0, along_offset = 0;
-      float along[3], offset[3];
-      for (int axis = 0; axis < 3; ++axis) {
-        const float start = centre[axis] + quantum * block[3 * segment + axis];
-        const float end = centre[axis] + quantum * block[3 * segment + 3 + axis];
-        along[axis] = (end - start) * stretch[axis];
-        offset[axis] = (point[axis] - start) * stretch[axis];
-        along_sq += along[axis] * along[axis];
-        along_offset += along[axis] * offset[axis];
-      }
-      const float raw = along_offset / (along_sq > 0 ? along_sq : 1.0f);
-      const float share = std::min(std::max(raw, 0.0f), 1.0f);
-      squared[segment] = 0;
-      for (int axis = 0; axis < 3; ++axis) {
-        const float apart = offset[axis] - share * along[axis];
-        squared[segment] += apart * apart;
-      }
+  int32_t leaf = -1, count = 0;
+  float start[3][kMost], along[3][kMost], scale[kMost];
+  int32_t number[kMost];  // -1 where there is no segment
+
+  // Returns the number of the one nearest to a point, the first of several, or -1.
+  int32_t nearest(const float* point) const {
+    const float x = point[0], y = point[1], z = kHeightWeight * point[2];
+    float squared[kMost];
+    for (int i = 0; i < count; ++i) {
+      const float to_x = x - start[0][i], to_y = y - start[1][i], to_z = z - start[2][i];
+      const float along_offset =
+          along[0][i] * to_x + along[1][i] * to_y + along[2][i] * to_z;
+      const float share = std::min(std::max(along_offset * scale[i], 0.0f), 1.0f);
+      const float apart_x = to_x - share * along[0][i];
+      const float apart_y = to_y - share * along[1][i];
+      const float apart_z = to_z - share * along[2][i];
+      const float sum = apart_x * apart_x + apart_y * apart_y + apart_z * apart_z;
+      squared[i] = number[i] < 0 ? std::numeric_limits<float>::infinity() : sum;
     }
-    for (int segment = 0; segment < kBlock; ++segment) {
-      const int32_t number = first + segment;
-      if (number >= num_vertices || tag[number] < kJoined) continue;
-      if (!(squared[segment] < best)) continue;
-      best = squared[segment];
-      found = number;
+    float best = std::numeric_limits<float>::infinity();
+    for (int i = 0; i < count; ++i) best = std::min(best, squared[i]);
+    for (int i = 0; i < count; ++i) {
+      if (squared[i] == best) return number[i];
+    }
+    return -1;
+  }
+};
+
+// The edges of one scenario.
+template <typename T>
+class EdgeMap {
+ public:
+  EdgeMap(const Edges<T>& edges, const Place& place) {
+    const int32_t scenario = *edges.index.at(place);
+    corner_ = edges.corner.at(place) + 2 * scenario;
+    shape_ = edges.shape.at(place) + 2 * scenario;
+    nodes_ = edges.nodes.at(place) + edges.first_node.at(place)[scenario];
+    blocks_ = edges.blocks.at(place) + edges.first_block.at(place)[scenario];
+    const int64_t first_vertex = edges.first_vertex.at(place)[scenario];
+    num_vertices_ = edges.num_edge_vertices.at(place)[scenario];
+    vertices_ = edges.vertices.at(place) + 3 * first_vertex;
+    tag_ = edges.tag.at(place) + first_vertex;
+    quantum_ = edges.quantum.at(place)[scenario];
+    centre_ = edges.centre.at(place) + 3 * scenario;
+  }
+
+  bool is_empty() const { return shape_[0] <= 0; }
+
+  // Returns the leaf in which a point lies; outside of the grid, that at its rim.
+  int32_t leaf(const float* point) const {
+    float inside[2];
+    int32_t root[2];
+    for (int axis = 0; axis < 2; ++axis) {
+      const float rim = std::max(shape_[axis] * kRootCell - 1e-3f, 0.0f);
+      const float offset = point[axis] - corner_[axis];
+      inside[axis] = offset > 0 ? std::min(offset, rim) : 0.0f;  // NaN goes to 0
+      root[axis] = static_cast<int32_t>(inside[axis] / kRootCell);
+    }
+    int32_t node = nodes_[root[1] * shape_[0] + root[0]];
+    float cells = 1 / kRootCell;  // in a metre
+    for (int level = 1; level < kLevels && node < 0; ++level) {
+      cells *= 2;
+      const int x = static_cast<int32_t>(inside[0] * cells) % 2;
+      const int y = static_cast<int32_t>(inside[1] * cells) % 2;
+      node = nodes_[-node + 2 * y + x];
+    }
+    return node;
+  }
+
+  void list(int32_t leaf, Candidates& candidates) const {
+    const uint16_t* blocks = blocks_ + (leaf >> kCountBits);
+    const int num_blocks = leaf & ((1 << kCountBits) - 1);
+    candidates.leaf = leaf;
+    candidates.count = kBlock * num_blocks;
+    for (int i = 0; i < candidates.count; ++i) {
+      const int32_t number = kBlock * int32_t{blocks[i / kBlock]} + i % kBlock;
+      const bool is_segment = number < num_vertices_ && tag_[number] >= kJoined;
+      candidates.number[i] = is_segment ? number : -1;
+      float squared = 0;
+      for (int axis = 0; axis < 3; ++axis) {
+        const float stretch = axis == 2 ? kHeightWeight : 1;
+        const T* of = vertices_ + 3 * int64_t{number} + axis;
+        const float start = centre_[axis] + quantum_ * of[0];
+        const float along = (centre_[axis] + quantum_ * of[3] - start) * stretch;
+        candidates.start[axis][i] = start * stretch;
+        candidates.along[axis][i] = along;
+        squared += along * along;
+      }
+      candidates.scale[i] = 1 / (squared > 0 ? squared : 1.0f);
     }
   }
-  return found;
-}
+
+ private:
+  const float *corner_, *centre_;
+  const int32_t *shape_, *nodes_;
+  const uint16_t* blocks_;
+  const T* vertices_;
+  const uint8_t* tag_;
+  int32_t num_vertices_;
+  float quantum_;
+};
 
 template <typename T>
 void search(ffi::ThreadPool pool, ffi::RemainingArgs args, ffi::AnyBuffer result) {
@@ -118,8 +153,17 @@ void search(ffi::ThreadPool pool, ffi::RemainingArgs args, ffi::AnyBuffer result
   for_each(pool, batch, items_per_piece, [&](const Place& place) {
     const float* points = edges.points.at(place);
     int32_t* out = found.at(place);
+    const EdgeMap<T> map(edges, place);
+    Candidates candidates;
     for (int64_t i = 0; i < num_points; ++i) {
-      out[i] = nearest(edges, place, points + 3 * i);
+      if (map.is_empty()) {
+        out[i] = -1;
+        continue;
+      }
+      const float* point = points + 3 * i;
+      const int32_t leaf = map.leaf(point);
+      if (leaf != candidates.leaf) map.list(leaf, candidates);
+      out[i] = candidates.nearest(point);
     }
   });
 }
