@@ -36,7 +36,7 @@ class Contact(Record):
 
 
 def overlaps(boxes: Boxes, number: Int[Array, ""]) -> Bool[Array, ""]:
-    """Tells whether a box shares area with another valid one; touching is none."""
+    """Tells whether a valid box shares area with another one; touching is none."""
     return library.on_cpu(overlaps_natively, overlaps_plainly)(boxes, number)
 
 
@@ -60,7 +60,7 @@ def overlaps_plainly(boxes: Boxes, number: Int[Array, ""]) -> Bool[Array, ""]:
         boxes.yaw,
         boxes.size,
     )
-    return jnp.any(overlap & _others(boxes, number))
+    return boxes.valid[number] & jnp.any(overlap & _others(boxes, number))
 
 
 def first_contact(

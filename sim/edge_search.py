@@ -6,7 +6,7 @@ distance to the segment found is differentiable (see `scene.nearest_edge`).
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from . import geometry
 from .data import edge_index, pack
@@ -15,7 +15,10 @@ from .native import library
 
 
 def nearest_vertices(
-    bank: Bank, index: Int[Array, ""], points: Float[Array, "points 3"]
+    bank: Bank,
+    index: Int[Array, ""],
+    points: Float[Array, "points 3"],
+    valid: Bool[Array, " points"],
 ) -> Int[Array, " points"]:
     """Returns the vertex at which the nearest edge segment of each point begins.
 
@@ -23,15 +26,20 @@ def nearest_vertices(
         bank: the scenarios.
         index: which of them.
         points: where to look, in the scenario's frame [m].
+        valid: which of the points to look for.
 
     Returns:
-        Numbers of vertices within the scenario; -1 where it has no road edge.
+        Numbers of vertices within the scenario; -1 for points that are not valid, and
+        where it has no road edge.
     """
-    return library.on_cpu(search_natively, search_plainly)(bank, index, points)
+    return library.on_cpu(search_natively, search_plainly)(bank, index, points, valid)
 
 
 def search_natively(
-    bank: Bank, index: Int[Array, ""], points: Float[Array, "points 3"]
+    bank: Bank,
+    index: Int[Array, ""],
+    points: Float[Array, "points 3"],
+    valid: Bool[Array, " points"],
 ) -> Int[Array, " points"]:
     """Searches by the C++ kernel, on CPUs only."""
     call = jax.ffi.ffi_call(
@@ -41,6 +49,7 @@ def search_natively(
     )
     return call(
         points,
+        valid,
         index,
         bank.index_corner,
         bank.index_shape,
@@ -58,7 +67,10 @@ def search_natively(
 
 
 def search_plainly(
-    bank: Bank, index: Int[Array, ""], points: Float[Array, "points 3"]
+    bank: Bank,
+    index: Int[Array, ""],
+    points: Float[Array, "points 3"],
+    valid: Bool[Array, " points"],
 ) -> Int[Array, " points"]:
     """Searches in plain JAX, on any device."""
     first, count = edge_index.look_up(
@@ -90,4 +102,4 @@ def search_plainly(
     squared = jnp.where(is_edge, geometry.dot(offset, offset), jnp.inf)
     nearest = jnp.argmin(squared, axis=-1)
     found = jnp.take_along_axis(number, nearest[:, None], axis=-1)[:, 0]
-    return jnp.where(jnp.any(is_edge, axis=-1), found, -1)
+    return jnp.where(valid & jnp.any(is_edge, axis=-1), found, -1)

@@ -249,14 +249,21 @@ class Scene(Record):
         exists = jnp.arange(count) < self.bank.num_vertices[self.index]
         return self._metres(stored), map_type, tag >= pack.JOINED, exists
 
-    def nearest_edge(self, points: Float[Array, "points 3"]) -> Edge:
+    def nearest_edge(
+        self, points: Float[Array, "points 3"], valid: Bool[Array, ""] | bool = True
+    ) -> Edge:
         """Finds the nearest road edge of each point and the side on which it lies.
 
         Nearest is meant in (x, y, 2 z); the distance is planar. The road lies to the
         left of an edge; where the nearest place is a vertex, the edges that meet there
         decide together (see `pack`).
+
+        Args:
+            points: where to look [m].
+            valid: whether to look at all.
         """
-        found = edge_search.nearest_vertices(self.bank, self.index, points)
+        valid = jnp.broadcast_to(valid, points.shape[:1])
+        found = edge_search.nearest_vertices(self.bank, self.index, points, valid)
         return jax.vmap(self._edge)(points, found)
 
     def _edge(self, point: Float[Array, " 3"], number: Int[Array, ""]) -> Edge:

@@ -9,13 +9,17 @@ from .base import Measure, Metric, Moment
 
 
 def corner_edges(moment: Moment, number: Int[Array, ""]) -> Edge:
-    """Returns the nearest road edge of each corner of the box, with an axis of four."""
+    """Returns the nearest road edge of each corner of the box, with an axis of four.
+
+    Not valid where the box is not there.
+    """
     motion = moment.after
     corners = geometry.box_corners(
         motion.xy[number], motion.yaw[number], moment.object_size[number]
     )
     height = jnp.broadcast_to(motion.xyz[number, 2], (4, 1))
-    return moment.scene.nearest_edge(jnp.concatenate([corners, height], axis=-1))
+    points = jnp.concatenate([corners, height], axis=-1)
+    return moment.scene.nearest_edge(points, motion.valid[number])
 
 
 def measure(moment: Moment, number: Int[Array, ""]) -> Measure:
@@ -25,7 +29,7 @@ def measure(moment: Moment, number: Int[Array, ""]) -> Measure:
     the road under it. Not valid where the map has no road edge.
     """
     edge = corner_edges(moment, number)
-    valid = moment.after.valid[number] & jnp.all(edge.valid)
+    valid = jnp.all(edge.valid)
     off = jnp.any(edge.signed_distance > 0) & valid
     return Measure(value=off.astype(jnp.float32), valid=valid)
 

@@ -44,7 +44,7 @@ def offroad(moment: Moment, number: Int[Array, ""]) -> Measure:
     Nearest edges are sought as for the metric. Not valid where the map has none.
     """
     edge = corner_edges(moment, number)
-    valid = moment.after.valid[number] & jnp.all(edge.valid)
+    valid = jnp.all(edge.valid)
     farthest = jnp.max(edge.signed_distance)
     return Measure(value=jnp.where(valid, _soften(farthest), 0.0), valid=valid)
 

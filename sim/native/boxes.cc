@@ -28,6 +28,13 @@ inline bool overlap(const Box& a, const Box& b) {
          (across_b < b.width + a.length * sin + a.width * cos);
 }
 
+// Whether boxes are near enough to overlap, whatever their directions.
+inline bool is_near(const Box& a, const Box& b) {
+  const float x = b.x - a.x, y = b.y - a.y;
+  const float reach = a.length + a.width + b.length + b.width;
+  return x * x + y * y <= reach * reach;
+}
+
 // The operands of both kernels that describe the boxes of a scene.
 struct Scene {
   Batched<const float> xy, direction, half_size;
@@ -64,11 +71,21 @@ ffi::Error overlaps(ffi::ThreadPool pool, ffi::AnyBuffer number, ffi::AnyBuffer 
     const Boxes boxes(scene, place);
     const int32_t own = *numbers.at(place);
     const Box box = boxes[own];
-    int found = 0;
-    for (int64_t i = 0; i < num_boxes; ++i) {
-      found += overlap(box, boxes[i]) & boxes.valid[i] & (i != own);
+    bool& hit = *hits.at(place);
+    hit = false;
+    if (!boxes.valid[own]) return;
+    constexpr int kAtOnce = 32;
+    for (int64_t first = 0; first < num_boxes && !hit; first += kAtOnce) {
+      const int count = static_cast<int>(std::min<int64_t>(kAtOnce, num_boxes - first));
+      uint32_t near = 0;
+      for (int i = 0; i < count; ++i) {
+        near |= uint32_t{is_near(box, boxes[first + i])} << i;
+      }
+      for (; near; near &= near - 1) {
+        const int64_t i = first + __builtin_ctz(near);
+        hit |= i != own && boxes.valid[i] && overlap(box, boxes[i]);
+      }
     }
-    *hits.at(place) = found > 0;
   });
   return ffi::Error::Success();
 }

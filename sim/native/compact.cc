@@ -66,44 +66,67 @@ int32_t write_objects(const Objects& objects, const Frame& frame, int32_t own,
   return count;
 }
 
-// Writes the pieces of the tiles around, nearest tiles first.
+// Lists the pieces of the tiles around, nearest tiles first.
 template <typename T>
-int32_t write_road(const Map<T>& map, const Frame& frame, const int32_t* offsets,
-                   int64_t num_offsets, int64_t most, const Units& units, float* out) {
-  thread_local std::vector<int32_t> seen;
-  seen.clear();
+void list_road(const Map<T>& map, const Frame& frame, const int32_t* offsets,
+               int64_t num_offsets, int64_t most, std::vector<int32_t>& listed) {
+  listed.resize(most);
   const int own_column = map.column(frame.x), own_row = map.row(frame.y);
-  for (int64_t i = 0; i < num_offsets; ++i) {
+  int64_t total = 0;
+  for (int64_t i = 0; i < num_offsets && total < most; ++i) {
     const int column = own_column + offsets[2 * i];
     const int row = own_row + offsets[2 * i + 1];
     if (column < 0 || column >= map.shape[0] || row < 0 || row >= map.shape[1]) continue;
     const int32_t* starts = map.starts + row * map.shape[0] + column;
-    const int64_t room = most - static_cast<int64_t>(seen.size());
-    const int64_t count = std::min<int64_t>(room, starts[1] - starts[0]);
-    const uint16_t* pieces = map.pieces + starts[0];
-    seen.insert(seen.end(), pieces, pieces + count);
-    if (count == room) break;
+    const int64_t count = std::min<int64_t>(most - total, starts[1] - starts[0]);
+    std::copy_n(map.pieces + starts[0], count, listed.begin() + total);
+    total += count;
   }
+  listed.resize(total);
+}
+
+// Writes pieces of the map, some at once so that vectors of them are computed.
+template <typename T>
+void write_road(const Map<T>& map, const Frame& frame,
+                const std::vector<int32_t>& listed, const Units& units, float* out) {
+  constexpr int kAtOnce = 32;
   const float scale = 1 / units.length;
-  for (size_t i = 0; i < seen.size(); ++i) {
-    const int32_t piece = seen[i], end = map.end(piece);
-    const float half_x = (map.x(end) - map.x(piece)) / 2;
-    const float half_y = (map.y(end) - map.y(piece)) / 2;
-    const float x = map.x(piece) + half_x - frame.x;
-    const float y = map.y(piece) + half_y - frame.y;
-    const float length = std::sqrt(half_x * half_x + half_y * half_y);
-    const float along = 1 / std::max(length, 1e-6f);
-    const uint8_t type = map.tag[piece] & (kJoined - 1);
-    float* features = out + kFeatures * i;
-    features[0] = (frame.cos * x + frame.sin * y) * scale;
-    features[1] = (frame.cos * y - frame.sin * x) * scale;
-    features[2] = (frame.cos * half_x + frame.sin * half_y) * along;
-    features[3] = (frame.cos * half_y - frame.sin * half_x) * along;
-    features[4] = length * scale;
-    features[5] = type >= kFirstEdge && type <= kLastEdge;
-    features[6] = type <= kLastLane;
+  const int total = static_cast<int>(listed.size());
+  for (int first = 0; first < total; first += kAtOnce) {
+    const int count = std::min(kAtOnce, total - first);
+    T begin_x[kAtOnce] = {}, begin_y[kAtOnce] = {};
+    T end_x[kAtOnce] = {}, end_y[kAtOnce] = {};
+    uint8_t tag[kAtOnce] = {};
+    for (int i = 0; i < count; ++i) {
+      const int32_t piece = listed[first + i];
+      tag[i] = map.tag[piece];
+      const T* begin = map.vertices + 3 * piece;
+      const T* end = map.vertices + 3 * map.end(piece);
+      begin_x[i] = begin[0], begin_y[i] = begin[1];
+      end_x[i] = end[0], end_y[i] = end[1];
+    }
+    float features[kFeatures][kAtOnce];
+    for (int i = 0; i < kAtOnce; ++i) {
+      const float start_x = map.metres(begin_x[i], 0), start_y = map.metres(begin_y[i], 1);
+      const float half_x = (map.metres(end_x[i], 0) - start_x) / 2;
+      const float half_y = (map.metres(end_y[i], 1) - start_y) / 2;
+      const float x = start_x + half_x - frame.x, y = start_y + half_y - frame.y;
+      const int type = tag[i] & (kJoined - 1);
+      const float length = std::sqrt(half_x * half_x + half_y * half_y);
+      const float along = 1 / std::max(length, 1e-6f);
+      features[0][i] = (frame.cos * x + frame.sin * y) * scale;
+      features[1][i] = (frame.cos * y - frame.sin * x) * scale;
+      features[2][i] = (frame.cos * half_x + frame.sin * half_y) * along;
+      features[3][i] = (frame.cos * half_y - frame.sin * half_x) * along;
+      features[4][i] = length * scale;
+      features[5][i] = (type >= kFirstEdge) & (type <= kLastEdge) ? 1.0f : 0.0f;
+      features[6][i] = type <= kLastLane ? 1.0f : 0.0f;
+    }
+    float* rows = out + kFeatures * first;
+    for (int i = 0; i < count; ++i) {
+      for (int j = 0; j < kFeatures; ++j) rows[kFeatures * i + j] = features[j][i];
+    }
   }
-  return static_cast<int32_t>(seen.size());
 }
 
 template <typename T>
@@ -131,8 +154,12 @@ void look(ffi::ThreadPool pool, const ffi::RemainingArgs& args,
     if (all.valid[own]) {
       count = write_objects(all, frame, own, objects.length(0), radius, units,
                             seen_objects);
-      road_count = write_road(maps.at(place), frame, offsets.at(place),
-                              offsets.length(0), road.length(0), units, seen_road);
+      thread_local std::vector<int32_t> listed;
+      const Map<T> map = maps.at(place);
+      list_road(map, frame, offsets.at(place), offsets.length(0), road.length(0),
+                listed);
+      write_road(map, frame, listed, units, seen_road);
+      road_count = static_cast<int32_t>(listed.size());
     }
     std::fill(seen_objects + kFeatures * count,
               seen_objects + kFeatures * objects.length(0), 0.0f);

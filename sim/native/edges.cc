@@ -20,6 +20,7 @@ constexpr float kHeightWeight = 2;
 template <typename T>
 struct Edges {
   Batched<const float> points;
+  Batched<const bool> valid;
   Batched<const int32_t> index;
   Batched<const float> corner;
   Batched<const int32_t> shape, first_node, nodes, first_block;
@@ -145,18 +146,19 @@ void search(ffi::ThreadPool pool, ffi::RemainingArgs args, ffi::AnyBuffer result
       {operand(3), batch},  {operand(4), batch},  {operand(5), batch},
       {operand(6), batch},  {operand(7), batch},  {operand(8), batch},
       {operand(9), batch},  {operand(10), batch}, {operand(11), batch},
-      {operand(12), batch}, {operand(13), batch},
+      {operand(12), batch}, {operand(13), batch}, {operand(14), batch},
   };
   const Batched<int32_t> found(result, batch);
   const int64_t num_points = found.length(0);
   const int64_t items_per_piece = std::max<int64_t>(1, 256 / std::max<int64_t>(1, num_points));
   for_each(pool, batch, items_per_piece, [&](const Place& place) {
     const float* points = edges.points.at(place);
+    const bool* valid = edges.valid.at(place);
     int32_t* out = found.at(place);
     const EdgeMap<T> map(edges, place);
     Candidates candidates;
     for (int64_t i = 0; i < num_points; ++i) {
-      if (map.is_empty()) {
+      if (map.is_empty() || !valid[i]) {
         out[i] = -1;
         continue;
       }
@@ -171,7 +173,7 @@ void search(ffi::ThreadPool pool, ffi::RemainingArgs args, ffi::AnyBuffer result
 ffi::Error nearest_edges(ffi::ThreadPool pool, ffi::RemainingArgs args,
                          ffi::Result<ffi::AnyBuffer> found) {
   const bool quantized =
-      args.get<ffi::AnyBuffer>(10)->element_type() == ffi::DataType::S16;
+      args.get<ffi::AnyBuffer>(11)->element_type() == ffi::DataType::S16;
   quantized ? search<int16_t>(pool, args, *found) : search<float>(pool, args, *found);
   return ffi::Error::Success();
 }

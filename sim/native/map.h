@@ -24,13 +24,10 @@ struct Map {
   const uint8_t* tag;
   float reach, quantum;
 
-  float x(int32_t vertex) const { return centre[0] + quantum * vertices[3 * vertex]; }
-  float y(int32_t vertex) const {
-    return centre[1] + quantum * vertices[3 * vertex + 1];
-  }
-  float z(int32_t vertex) const {
-    return centre[2] + quantum * vertices[3 * vertex + 2];
-  }
+  float metres(T stored, int axis) const { return centre[axis] + quantum * stored; }
+  float x(int32_t vertex) const { return metres(vertices[3 * vertex], 0); }
+  float y(int32_t vertex) const { return metres(vertices[3 * vertex + 1], 1); }
+  float z(int32_t vertex) const { return metres(vertices[3 * vertex + 2], 2); }
   // The vertex at which the piece ends that begins at a vertex.
   int32_t end(int32_t vertex) const { return vertex + (tag[vertex] >= kJoined); }
 

@@ -82,8 +82,10 @@ def compact(config: CompactConfig) -> Observer:
         now = jax.tree.map(lambda leaf: leaf[-1], view.motion)
         others = _others(now, view.object_size)
         seen = look(view.scene.bank, view.scene.index, others, number)
+        is_there = now.valid[number]
+        ego = jnp.where(is_there, _ego(view, now, others, number), 0.0)
         return {
-            "ego": _group(_ego(view, now, others, number)[None], now.valid[number]),
+            "ego": _group(ego[None], is_there),
             "objects": _group(seen.objects, seen.num_objects),
             "road": _group(seen.road, seen.num_road),
         }
@@ -244,10 +246,9 @@ def _ego(view: View, now: Motion, others: Others, number) -> Float[Array, " 6"]:
 
 
 def _group(rows, count) -> TokenGroup:
+    """Returns the group of the rows that are there; the others are zero already."""
     mask = jnp.arange(len(rows)) < count
-    return TokenGroup(
-        values=jnp.where(mask[:, None], rows, 0.0)[:, None], mask=mask[:, None]
-    )
+    return TokenGroup(values=rows[:, None], mask=mask[:, None])
 
 
 def _describe() -> tuple[Slot, ...]:

@@ -56,8 +56,11 @@ def test_nearest_edges_agree_but_for_ties(kind: str) -> None:
     ]
     signed = jax.jit(jax.vmap(lambda scene, *x: scene._edge(*x), in_axes=(None, 0, 0)))
     for moment in moments(kind):
-        scene, points = moment.scene, moment.after.xyz
-        plain, native = (ask(scene.bank, scene.index, points) for ask in searches)
+        scene, points, valid = moment.scene, moment.after.xyz, moment.after.valid
+        plain, native = (
+            ask(scene.bank, scene.index, points, valid) for ask in searches
+        )
+        assert np.all(np.asarray(plain)[~np.asarray(valid)] == -1)
         np.testing.assert_array_equal(native >= 0, plain >= 0)
         there = np.asarray(plain) >= 0
         num_found += there.sum()
