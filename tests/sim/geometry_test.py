@@ -37,6 +37,20 @@ def test_wrapping_keeps_the_direction() -> None:
     assert (np.abs(wrapped) <= HALF_TURN).all()
 
 
+def test_angles_are_those_of_arctan2_and_so_are_their_gradients() -> None:
+    rng = np.random.default_rng(0)
+    length = np.exp(rng.normal(0, 8, COUNT))
+    eighths = np.pi / 4 * np.arange(-3, 5)
+    yaw = np.append(rng.uniform(-np.pi, np.pi, COUNT - 8), eighths)
+    x, y = jnp.array([length * np.cos(yaw), length * np.sin(yaw)], jnp.float32)
+    expected = np.arctan2(np.float64(y), np.float64(x))
+    np.testing.assert_allclose(geometry.angle(x, y), expected, rtol=0, atol=1e-6)
+    for number, along in enumerate((-np.sin(yaw), np.cos(yaw))):
+        slope = jax.vmap(jax.grad(geometry.angle, argnums=number))(x, y)
+        # The polynomial's slope is less exact than its value.
+        np.testing.assert_allclose(slope * length, along, rtol=0, atol=1e-5)
+
+
 def test_half_a_turn_is_negative() -> None:
     ends = geometry.wrap_angle(jnp.array([HALF_TURN, -HALF_TURN]))
     np.testing.assert_array_equal(ends, [-HALF_TURN, -HALF_TURN])
