@@ -180,12 +180,17 @@ class Scene(Record):
 
     def map_segments(self) -> Segments:
         """Returns the whole map in pieces; signs are pieces of no length."""
-        vertices, map_type, joined, exists = self._vertices()
+        bank, count = self.bank, self.bank.sizes.num_vertices
+        first = bank.first_vertex[self.index]
+        stored = jax.lax.dynamic_slice_in_dim(bank.vertices, first, count)
+        tag = jax.lax.dynamic_slice_in_dim(bank.vertex_tag, first, count)
+        vertices, joined = self._metres(stored), tag >= pack.JOINED
         ended = jnp.roll(joined, 1).at[0].set(False)
+        exists = jnp.arange(count) < bank.num_vertices[self.index]
         return Segments(
             start=vertices,
             end=jnp.where(joined[:, None], jnp.roll(vertices, -1, axis=0), vertices),
-            map_type=map_type,
+            map_type=(tag % pack.JOINED).astype(jnp.int32),
             valid=exists & (joined | ~ended),
         )
 
@@ -222,32 +227,25 @@ class Scene(Record):
             valid=near.valid,
         )
 
-    def map_points(self) -> Points:
-        """Returns every point of the map with the one that follows it.
+    def map_points(self, numbers: Int[Array, " points"]) -> Points:
+        """Returns points of the map, each with the one that follows it.
 
         Polygons end with their last corner: the point that closes them is left out.
         """
-        vertices, map_type, joined, exists = self._vertices()
-        is_polygon = jnp.isin(map_type, jnp.array(POLYGONS))
-        closes = is_polygon & ~joined
-        has_next = joined & ~jnp.roll(closes, -1)
-        following = jnp.roll(vertices, -1, axis=0)
+        pair = self.bank.first_vertex[self.index] + numbers[:, None]
+        pair = pair + jnp.arange(2)[None]
+        xyz = self._metres(self.bank.vertices[pair])
+        tag = self.bank.vertex_tag[pair]
+        joined = tag >= pack.JOINED
+        map_type = (tag[:, 0] % pack.JOINED).astype(jnp.int32)
+        closes = jnp.isin(map_type, jnp.array(POLYGONS))[:, None] & ~joined
+        has_next = joined[:, 0] & ~closes[:, 1]
         return Points(
-            xyz=vertices,
-            next_xyz=jnp.where(has_next[:, None], following, vertices),
+            xyz=xyz[:, 0],
+            next_xyz=jnp.where(has_next[:, None], xyz[:, 1], xyz[:, 0]),
             map_type=map_type,
-            valid=exists & ~closes,
+            valid=(numbers < self.bank.num_vertices[self.index]) & ~closes[:, 0],
         )
-
-    def _vertices(self):
-        """Returns places and kinds, whether a segment leads on, and which exist."""
-        first = self.bank.first_vertex[self.index]
-        count = self.bank.sizes.num_vertices
-        stored = jax.lax.dynamic_slice_in_dim(self.bank.vertices, first, count)
-        tag = jax.lax.dynamic_slice_in_dim(self.bank.vertex_tag, first, count)
-        map_type = (tag % pack.JOINED).astype(jnp.int32)
-        exists = jnp.arange(count) < self.bank.num_vertices[self.index]
-        return self._metres(stored), map_type, tag >= pack.JOINED, exists
 
     def nearest_edge(
         self, points: Float[Array, "points 3"], valid: Bool[Array, ""] | bool = True

@@ -34,15 +34,28 @@ struct Map {
   // Calls `visit(piece)` for all pieces that can lie within a radius of a place.
   template <typename Visit>
   void for_each_piece(float x, float y, float radius, const Visit& visit) const {
+    for_each_piece(x, y, radius, [](float, float, float) { return true; }, visit);
+  }
+
+  // The same for tiles that are wanted: `wants(x, y, r)` tells it of a tile whose pieces
+  // lie within r of a place.
+  template <typename Wants, typename Visit>
+  void for_each_piece(float x, float y, float radius, const Wants& wants,
+                      const Visit& visit) const {
     const float far = radius + reach;
     const int first_column = std::max(0, column(x - far));
     const int last_column = std::min(shape[0] - 1, column(x + far));
     const int last_row = std::min(shape[1] - 1, row(y + far));
     if (first_column > last_column) return;
+    const float size = reach + kTile * 0.70711f;
     for (int i = std::max(0, row(y - far)); i <= last_row; ++i) {
       const int32_t* tile = starts + i * shape[0];
-      const int32_t last = tile[last_column + 1];
-      for (int32_t j = tile[first_column]; j < last; ++j) visit(pieces[j]);
+      const float middle_y = corner[1] + kTile * (i + 0.5f);
+      for (int j = first_column; j <= last_column; ++j) {
+        if (tile[j] == tile[j + 1]) continue;
+        if (!wants(corner[0] + kTile * (j + 0.5f), middle_y, size)) continue;
+        for (int32_t k = tile[j]; k < tile[j + 1]; ++k) visit(pieces[k]);
+      }
     }
   }
 

@@ -17,15 +17,23 @@ constexpr float kInfinity = std::numeric_limits<float>::infinity();
 
 struct Cone {
   float x, y, yaw, angle, distance;
+  float cos, sin, cos_half, sin_half;
 
   explicit Cone(const float* operand)
       : x(operand[0]), y(operand[1]), yaw(operand[2]), angle(operand[3]),
-        distance(operand[4]) {}
+        distance(operand[4]), cos(std::cos(yaw)), sin(std::sin(yaw)),
+        cos_half(std::cos(angle / 2)), sin_half(std::sin(angle / 2)) {}
 
   // Of an offset from the viewer, and its length; the slack is `visibility.py`'s.
-  bool is_between_sides(float dx, float dy, float length, float cos_yaw, float sin_yaw,
-                        float cos_half) const {
-    return dx * cos_yaw + dy * sin_yaw >= (cos_half - 1e-6f) * length;
+  bool is_between_sides(float dx, float dy, float length) const {
+    return dx * cos + dy * sin >= (cos_half - 1e-6f) * length;
+  }
+
+  // Whether a disc about an offset can reach between the sides.
+  bool can_touch(float dx, float dy, float radius) const {
+    const float ahead = dx * cos + dy * sin, aside = std::abs(cos * dy - sin * dx);
+    const float beside = cos_half * aside - sin_half * ahead;  // the nearer side
+    return cos_half < 0 || beside <= radius + 1e-3f;
   }
 };
 
@@ -158,12 +166,12 @@ ffi::Error visible_objects(ffi::ThreadPool pool, ffi::AnyBuffer number,
       const float dy = places.at(place)[2 * i + 1] - cone.y;
       const float far = cone.distance + size[0] + size[1];
       if (!(dx * dx + dy * dy <= far * far)) continue;
+      if (!cone.can_touch(dx, dy, size[0] + size[1])) continue;
       const Outline outline(dx, dy, of, size, cone.distance);
       if (!outline.in_reach) continue;
       boxes.add(dx, dy, of, size);
       own_number.push_back(i);
-      const float centre =
-          angle_between(std::cos(cone.yaw), std::sin(cone.yaw), dx, dy);
+      const float centre = angle_between(cone.cos, cone.sin, dx, dy);
       const float begin = wrap(centre + outline.begin), end = wrap(centre + outline.end);
       const float corner = wrap(centre + outline.corner);
       for (const float ray :
@@ -204,18 +212,18 @@ using MapTypes = uint32_t;
 template <typename T>
 void collect(const Map<T>& map, const Cone& cone, MapTypes left_out, MapTypes closed,
              std::vector<Candidate>& candidates) {
-  const float cos_yaw = std::cos(cone.yaw), sin_yaw = std::sin(cone.yaw);
-  const float cos_half = std::cos(cone.angle / 2);
   candidates.clear();
   const auto add = [&](int32_t vertex) {
     const float dx = map.x(vertex) - cone.x, dy = map.y(vertex) - cone.y;
     const float squared = dx * dx + dy * dy;
     if (!(squared <= cone.distance * cone.distance)) return;
-    if (!cone.is_between_sides(dx, dy, std::sqrt(squared), cos_yaw, sin_yaw, cos_half))
-      return;
+    if (!cone.is_between_sides(dx, dy, std::sqrt(squared))) return;
     candidates.push_back({key_of(squared), vertex});
   };
-  map.for_each_piece(cone.x, cone.y, cone.distance, [&](int32_t piece) {
+  const auto wants = [&](float x, float y, float radius) {
+    return cone.can_touch(x - cone.x, y - cone.y, radius);
+  };
+  map.for_each_piece(cone.x, cone.y, cone.distance, wants, [&](int32_t piece) {
     const MapTypes type = MapTypes{1} << (map.tag[piece] & (kJoined - 1));
     if (type & left_out) return;
     add(piece);

@@ -123,14 +123,13 @@ def nocturne(config: NocturneConfig) -> Observer:
     """
 
     def observe(view: View, number: Int[Array, ""]) -> Observation:
-        points = view.scene.map_points()
         tilt = jnp.zeros_like(view.motion.yaw[0, 0])
         if config.history == 0 and view.controls.shape[-1] > 2:
             tilt = view.controls[number, 2]
 
         def look(motion: Motion, step: Int[Array, ""]):
             lights = view.scene.lights_at(step)
-            return _look(config, view, (motion, points, lights), number, tilt)
+            return _look(config, view, (motion, lights), number, tilt)
 
         steps = view.step - config.history + jnp.arange(config.history + 1)
         frames = jax.vmap(look)(view.motion, steps)
@@ -153,7 +152,7 @@ def flat(observation: Observation) -> Float[Array, " features"]:
 
 def _look(config, view: View, world, number, tilt) -> Observation:
     """Returns what is seen in one frame, without the axis of frames."""
-    motion, points, lights = world
+    motion, lights = world
     me = jax.tree.map(lambda leaf: leaf[number], motion)
     cone = Cone(
         xy=me.xy,
@@ -172,7 +171,7 @@ def _look(config, view: View, world, number, tilt) -> Observation:
     groups = {
         "ego": (_ego(config, view, me, number)[None], jnp.ones_like(shown[:1])),
         "objects": (_objects(view, motion, me, chosen[0]), chosen[1]),
-        "road": (_road(points, me, road[0]), road[1]),
+        "road": (_road(view.scene.map_points(road[0]), me), road[1]),
         "stop_signs": _stop_signs(config, view.scene, me, cone),
     }
     if config.num_lights:
@@ -216,10 +215,10 @@ def _objects(view: View, motion: Motion, me: Motion, chosen):
     )
 
 
-def _road(points: Points, me: Motion, chosen):
-    xy, next_xy = points.xyz[chosen, :2], points.next_xyz[chosen, :2]
+def _road(points: Points, me: Motion):
+    xy, next_xy = points.xyz[:, :2], points.next_xyz[:, :2]
     distance, bearing = _polar(xy - me.xy[None], me.yaw)
-    kinds = jnp.asarray(_ROAD_KIND)[points.map_type[chosen]]
+    kinds = jnp.asarray(_ROAD_KIND)[points.map_type]
     along = _polar(next_xy - xy, me.yaw)
     return stack(jnp.ones_like(distance), distance, bearing, *along, kinds)
 
@@ -246,9 +245,8 @@ def _polar(vector, yaw):
     """Returns length, and angle to a yaw; 0 where there is no length."""
     x, y = jnp.moveaxis(geometry.to_frame(vector, yaw), -1, 0)
     length = geometry.norm(vector)
-    is_long = length > 0
-    bearing = jnp.arctan2(jnp.where(is_long, y, 0.0), jnp.where(is_long, x, 1.0))
-    return length, bearing
+    x = jnp.where(length > 0, x, 1.0)
+    return length, geometry.angle(x, jnp.where(length > 0, y, 0.0))
 
 
 def _drive(motion: Motion):

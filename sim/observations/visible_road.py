@@ -55,7 +55,7 @@ def visible_natively(scene: Scene, hiding: Boxes, cone: Cone, count: int) -> Cho
 
 def visible_plainly(scene: Scene, hiding: Boxes, cone: Cone, count: int) -> Chosen:
     """Asks in plain JAX, on any device."""
-    points = scene.map_points()
+    points = scene.map_points(jnp.arange(scene.bank.sizes.num_vertices))
     present = points.valid & (points.map_type != MapType.STOP_SIGN)
     return nearest_visible_points(points.xyz[:, :2], present, hiding, cone, count)
 

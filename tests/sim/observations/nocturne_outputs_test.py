@@ -81,7 +81,7 @@ def look(scene: Scene, motions: Motion, step, number, action):
 @jax.jit
 def road_past(scene: Scene, motions: Motion, number, tilt, hiding):
     """Tells which points of the road are seen past some of the boxes."""
-    points = scene.map_points()
+    points = scene.map_points(jnp.arange(scene.bank.sizes.num_vertices))
     is_road = points.valid & (points.map_type != MapType.STOP_SIGN)
 
     def once(inputs):
@@ -232,7 +232,12 @@ def test_road_points_are_those_that_nocturne_shows() -> None:
         looks = np.repeat(np.arange(len(viewer)), outputs["n_all_obj"])
         hiding[looks, published.rows_of(name, outputs["all_obj"])] = True
         seen = np.asarray(road_past(scene, motions, viewer, tilt, jnp.asarray(hiding)))
-        place = np.float64(scene.map_points().xyz[:, :2]) + scenario.origin[:2]
+        place = (
+            np.float64(
+                scene.map_points(jnp.arange(scene.bank.sizes.num_vertices)).xyz[:, :2]
+            )
+            + scenario.origin[:2]
+        )
         theirs = np.split(outputs["all_rp"], np.cumsum(outputs["n_all_rp"])[:-1])
         for ours, others in zip(seen, theirs, strict=True):
             shown = Counter(map(tuple, np.float32(place[ours])))
