@@ -72,7 +72,7 @@ def all_controlled(num_agents: int) -> Choose:
 def episode(
     env: Environment, driver: Driver, observer: Observer, choose: Choose
 ) -> Callable[..., Any]:
-    """Returns the function that plays one scenario and keeps all that is observed."""
+    """Returns the function that plays one scenario."""
 
     def play(bank: Bank, state: State, key: PRNGKeyArray) -> Any:
         memory = driver.reset(Scene(bank=bank, index=state.index))
@@ -86,7 +86,7 @@ def episode(
             following, timestep = env.step(bank, state, action)
             return following, (observation, timestep.measures)
 
-        return jax.lax.scan(step, state, jax.random.split(key, NUM_STEPS))[1]
+        return timing.play(step, state, jax.random.split(key, NUM_STEPS))
 
     return play
 

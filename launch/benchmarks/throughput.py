@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 from jaxtyping import PRNGKeyArray
 
 from ...sim import rewards
@@ -34,25 +33,19 @@ def play(env: Environment, driver: Driver, *, observes: bool) -> Callable[..., A
 
     Every step draws actions, moves the objects and measures collision and off-road for
     the reward; where it observes, every object's observation of the state after it is
-    written to memory, over that of the step before, as a policy would read it.
+    written to memory.
     """
 
-    def observe(bank: Bank, state: State) -> Any:
-        return env.observe(bank, state) if observes else ()
-
     def steps(bank: Bank, state: State, key: PRNGKeyArray) -> Any:
-        def step(carry, key):
-            state, _ = carry
+        memory = driver.reset(Scene(bank=bank, index=state.index))
+
+        def step(state, key):
             _, action = driver.act(memory, bank, state, key)
             following, timestep = env.step(bank, state, action)
-            return (following, observe(bank, following)), timestep.reward
+            seen = env.observe(bank, following) if observes else ()
+            return following, (seen, timestep.reward)
 
-        memory = driver.reset(Scene(bank=bank, index=state.index))
-        blank = jax.tree.map(
-            lambda seen: jnp.zeros(seen.shape, seen.dtype),
-            jax.eval_shape(observe, bank, state),
-        )
-        return jax.lax.scan(step, (state, blank), jax.random.split(key, NUM_STEPS))
+        return timing.play(step, state, jax.random.split(key, NUM_STEPS))
 
     return steps
 

@@ -2,14 +2,18 @@
 
 import contextlib
 import dataclasses
+import gc
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.experimental.compilation_cache import compilation_cache
-from jaxtyping import PyTree
+from jaxtyping import Array, Key, PRNGKeyArray, PyTree
+
+Step = Callable[[PyTree, PRNGKeyArray], tuple[PyTree, PyTree]]
 
 MIN_CALLS = 5  # quartiles of fewer mean nothing
 
@@ -67,13 +71,50 @@ def measure(
     for arguments in inputs:
         jax.block_until_ready(program.call(*arguments))
     durations: list[float] = []
-    while len(durations) < MIN_CALLS or sum(durations) < seconds:
-        arguments = inputs[len(durations) % len(inputs)]
-        began = time.perf_counter()
-        jax.block_until_ready(program.call(*arguments))
-        durations.append(time.perf_counter() - began)
+    with _no_collection():
+        while len(durations) < MIN_CALLS or sum(durations) < seconds:
+            arguments = inputs[len(durations) % len(inputs)]
+            began = time.perf_counter()
+            jax.block_until_ready(program.call(*arguments))
+            durations.append(time.perf_counter() - began)
     lower, median, upper = np.percentile(durations, (25, 50, 75)) * 1e3
     return Timing(median=float(median), lower=float(lower), upper=float(upper))
+
+
+def play(step: Step, state: PyTree, keys: Key[Array, " steps"]) -> PyTree:
+    """Plays steps in a program, each of which writes over what the last one gave.
+
+    A policy reads an observation and forgets it; to keep those of all steps would time
+    the memory instead.
+
+    Args:
+        step: of a state and a key: the next state, and what it gives.
+        state: the first.
+        keys: one for each step.
+
+    Returns:
+        The last state, and what the last step gave.
+    """
+
+    def go_on(carry: PyTree, key: PRNGKeyArray) -> tuple[PyTree, None]:
+        return step(carry[0], key), None
+
+    blank = jax.tree.map(
+        lambda leaf: jnp.zeros(leaf.shape, leaf.dtype),
+        jax.eval_shape(step, state, keys[0])[1],
+    )
+    return jax.lax.scan(go_on, (state, blank), keys)[0]
+
+
+@contextlib.contextmanager
+def _no_collection() -> Iterator[None]:
+    """Keeps Python from collecting garbage inside, as `timeit` does."""
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
 
 
 @contextlib.contextmanager
