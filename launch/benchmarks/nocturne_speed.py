@@ -15,7 +15,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int, PRNGKeyArray
+from jaxtyping import Array, Bool, Int, PRNGKeyArray
 
 from ...sim import rewards
 from ...sim.data.bank import Bank
@@ -25,7 +25,7 @@ from ...sim.env.base import Driver, Environment, State, Team
 from ...sim.env.multi_agent import multi_agent
 from ...sim.metrics.collision import COLLISION
 from ...sim.metrics.edge_contact import EDGE_CONTACT
-from ...sim.observations.base import Observer
+from ...sim.observations.base import Observation, Observer, View
 from ...sim.scenario import ObjectType
 from ...sim.scene import Scene
 from ...sim.sim_agents import build as sim_agents
@@ -46,25 +46,28 @@ from .scenes import Scenes, mean_valid
 NUM_STEPS = 80  # of an episode
 NUM_INPUTS = 4  # batches of scenarios that take turns
 
-# Of a state and a key: the state with its team, and the numbers of whom to observe.
-Choose = Callable[[Bank, State, PRNGKeyArray], tuple[State, Int[Array, " agents"]]]
+# Of a state and a key: the state with its team, the numbers of agents, and who of them
+# looks around.
+Choice = tuple[State, Int[Array, " agents"], Bool[Array, " agents"]]
+Choose = Callable[[Bank, State, PRNGKeyArray], Choice]
 
 
-def random_vehicle(bank: Bank, state: State, key: PRNGKeyArray):
+def random_vehicle(bank: Bank, state: State, key: PRNGKeyArray) -> Choice:
     """Gives one random vehicle that is there to the team."""
     scene = Scene(bank=bank, index=state.index)
     there = state.motion.valid & (scene.object_type == ObjectType.VEHICLE)
     number = jax.random.categorical(key, jnp.where(there, 0.0, -jnp.inf))
-    return state.replace(teams=(jnp.arange(len(there)) == number,)), number[None]
+    team = jnp.arange(len(there)) == number
+    return state.replace(teams=(team,)), number[None], there[number][None]
 
 
 def all_controlled(num_agents: int) -> Choose:
     """Builds the choice of the whole team, which has at most so many members."""
 
-    def choose(bank: Bank, state: State, key: PRNGKeyArray):
+    def choose(bank: Bank, state: State, key: PRNGKeyArray) -> Choice:
         del bank, key
-        members = jnp.argsort(~state.controlled, stable=True)
-        return state, members[:num_agents]
+        members = jnp.argsort(~state.controlled, stable=True)[:num_agents]
+        return state, members, state.controlled[members]
 
     return choose
 
@@ -74,14 +77,21 @@ def episode(
 ) -> Callable[..., Any]:
     """Returns the function that plays one scenario."""
 
+    def look(view: View, number: Int[Array, ""], looks: Bool[Array, ""]) -> Observation:
+        # Who is not there sees nothing, at no cost; nobody's own box matters to him.
+        valid = view.motion.valid
+        valid = valid.at[:, number].set(valid[:, number] & looks)
+        motion = view.motion.replace(valid=valid)
+        return observer.observe(view.replace(motion=motion), number)
+
     def play(bank: Bank, state: State, key: PRNGKeyArray) -> Any:
         memory = driver.reset(Scene(bank=bank, index=state.index))
 
         def step(state, key):
             choice_key, action_key = jax.random.split(key)
-            state, numbers = choose(bank, state, choice_key)
-            observe = jax.vmap(observer.observe, in_axes=(None, 0))
-            observation = observe(world.view(bank, state), numbers)
+            state, numbers, looks = choose(bank, state, choice_key)
+            observe = jax.vmap(functools.partial(look, world.view(bank, state)))
+            observation = observe(numbers, looks)
             _, action = driver.act(memory, bank, state, action_key)
             following, timestep = env.step(bank, state, action)
             return following, (observation, timestep.measures)

@@ -169,8 +169,8 @@ def test_the_random_agent_is_any_vehicle_that_is_there_and_nobody_else() -> None
 
     keys = jax.random.split(jax.random.key(1), 60 * len(there))
     choose = jax.vmap(random_vehicle, in_axes=(None, None, 0))
-    states, numbers = choose(bank, state, keys)
-    assert is_car[0] and {*np.ravel(numbers)} == {*there}
+    states, numbers, looks = choose(bank, state, keys)
+    assert is_car[0] and {*np.ravel(numbers)} == {*there} and looks.all()
     np.testing.assert_array_equal(np.argmax(states.teams[0], axis=1), numbers[:, 0])
     assert (np.asarray(states.teams[0]).sum(axis=1) == 1).all()
 
