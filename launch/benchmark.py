@@ -12,6 +12,7 @@ from rich import console as rich_console
 from ..sim.metrics.build import METRICS
 from ..sim.observations.compact import CompactConfig, compact
 from ..sim.observations.nocturne import NocturneConfig, nocturne
+from ..sim.observations.vector import VectorConfig
 from ..sim.sim_agents import build as sim_agents
 from . import report, tables
 from .benchmarks import page, scenes, table
@@ -21,8 +22,10 @@ from .benchmarks.runtime import runtime
 from .benchmarks.throughput import throughput
 from .progress import progress
 
+# What the published simulators show of the road: the nearest of the logged points.
+WIDE = VectorConfig(history=0, num_road=1000, road="points")
 BENCHMARKS = {
-    "runtime": runtime(METRICS),
+    "runtime": runtime(METRICS, WIDE),
     "nocturne": nocturne_speed(nocturne(NocturneConfig())),
     "throughput": throughput(compact(CompactConfig())),
 }

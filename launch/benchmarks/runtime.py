@@ -7,7 +7,8 @@ A figure is the time of one call of one compiled program for a whole batch of wo
 - metrics: every metric of every object, given the states before and after;
 - step: transition, metrics and the reward, W's negative sum of all metrics;
 - rollout: reset and 80 steps, in which the expert chooses the action by the inverse
-  dynamics; motions, metrics and rewards of all steps are kept.
+  dynamics; motions, metrics and rewards of all steps are kept;
+- observation: what every object sees, which W does not time.
 
 States are those of the expert's episodes, of other scenarios and steps in each call.
 The peak memory is that of the rollout, with the bank of the scenarios in it.
@@ -22,7 +23,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int, PRNGKeyArray
 
 from ...sim.data.bank import Bank
+from ...sim.env import world
+from ...sim.env.base import State
 from ...sim.metrics.base import Metric
+from ...sim.observations.base import Observation, Observer
+from ...sim.observations.vector import VectorConfig, vector
 from ...sim.sim_agents import build as sim_agents
 from .. import tables
 from . import published, timing
@@ -74,8 +79,23 @@ def _inputs(task: Task, bank: Bank, scenes: Scenes, batch: int) -> list[tuple]:
     ]
 
 
+def observed(observer: Observer) -> Callable[[Bank, State], Observation]:
+    """Returns the function by which every object looks around."""
+
+    def observe(bank: Bank, state: State) -> Observation:
+        numbers = jnp.arange(len(state.object_size))
+        look = jax.vmap(observer.observe, in_axes=(None, 0))
+        return look(world.view(bank, state), numbers)
+
+    return observe
+
+
 def measure_cell(
-    metrics: tuple[Metric, ...], settings: Settings, scenes: Scenes, cell: Cell
+    metrics: tuple[Metric, ...],
+    observer: Observer,
+    settings: Settings,
+    scenes: Scenes,
+    cell: Cell,
 ) -> tables.Row:
     """Returns the figures of an environment, a batch and a number of object slots."""
     task = TASKS[cell.env](metrics, sim_agents.build(settings.sim_agent))
@@ -84,18 +104,20 @@ def measure_cell(
     begins = [(index, key) for index, key, *_ in inputs]
     moves = [(state, action) for _, _, state, action, _ in inputs]
     pairs = [(state, following) for _, _, state, _, following in inputs]
+    states = [(state,) for _, _, state, *_ in inputs]
     programs = {
         "reset_ms": (task.reset, begins),
         "transition_ms": (task.transition, moves),
         "metrics_ms": (task.metrics, pairs),
         "step_ms": (task.step, moves),
         "rollout_ms": (rollout(task), begins),
+        "observation_ms": (observed(observer), states),
     }
     row: tables.Row = {"valid_objects": mean_valid(state for state, _ in moves)}
     compile_s = 0.0
     for key, (function, chosen) in programs.items():
         arguments = [(bank, *pair) for pair in chosen]
-        batched = jax.vmap(function, in_axes=(None, 0, 0))
+        batched = jax.vmap(function, in_axes=(None, *(0 for _ in chosen[0])))
         program = timing.compile(batched, arguments[0])
         row |= timed(key, timing.measure(program, arguments, settings.seconds))
         compile_s += program.compile_s
@@ -114,30 +136,39 @@ def plots(rows: Sequence[tables.Row]) -> list[Plot]:
         (
             ("step", "step_ms", "step [ms]"),
             ("rollout", "rollout_ms", "80-step rollout [ms]"),
+            ("observation", "observation_ms", "observation [ms]"),
             ("memory", "peak_memory_mb", "peak memory [MB]"),
         ),
     )
 
 
-def runtime(metrics: tuple[Metric, ...]) -> Benchmark:
-    """Builds the benchmark of steps that measure some metrics."""
+def runtime(metrics: tuple[Metric, ...], sight: VectorConfig) -> Benchmark:
+    """Builds the benchmark of steps that measure some metrics.
+
+    Args:
+        metrics: what is measured.
+        sight: what objects see; without history, which the states do not have.
+    """
     return Benchmark(
         title="Runtime",
         paper="W",
         envs=tuple(TASKS),
         batches=(1, 16),
         objects=(8, 16, 32, 64, 128),
-        measure=functools.partial(measure_cell, metrics),
+        measure=functools.partial(measure_cell, metrics, vector(sight)),
         columns=(
             Column(key="reset_ms", title="Reset", unit="ms"),
             Column(key="transition_ms", title="Transition", unit="ms"),
             Column(key="metrics_ms", title="Metrics", unit="ms"),
             Column(key="step_ms", title="Step", unit="ms"),
             Column(key="rollout_ms", title="Rollout", unit="ms"),
+            Column(key="observation_ms", title="Observe", unit="ms"),
             Column(key="peak_memory_mb", title="Memory", unit="MB"),
         ),
         plots=plots,
         notes=(
+            f"Observe: what all objects see, each {sight.num_road:,} {sight.road} of "
+            "the road.",
             "W: Waymax, table 2 (128 objects; Xeon W-2135 or V100) and table 6 (fewer "
             "objects, memory; EPYC 7B12 or V100).",
         ),
