@@ -99,7 +99,8 @@ def search_plainly(
     point = points[:, None] * stretch
     share = geometry.nearest_on_segment(point, start, end)
     offset = point - start - share[..., None] * (end - start)
-    squared = jnp.where(is_edge, geometry.dot(offset, offset), jnp.inf)
+    squared = geometry.dot(offset, offset)
+    squared = jnp.where(is_edge & (squared < jnp.inf), squared, jnp.inf)
     nearest = jnp.argmin(squared, axis=-1)
     found = jnp.take_along_axis(number, nearest[:, None], axis=-1)[:, 0]
-    return jnp.where(valid & jnp.any(is_edge, axis=-1), found, -1)
+    return jnp.where(valid & jnp.any(squared < jnp.inf, axis=-1), found, -1)

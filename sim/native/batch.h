@@ -11,6 +11,8 @@
 #include <array>
 #include <atomic>
 #include <cstdint>
+#include <cstdio>
+#include <cstdlib>
 #include <memory>
 #include <thread>
 #include <utility>
@@ -32,6 +34,11 @@ struct BatchShape {
 
   BatchShape(ffi::AnyBuffer::Dimensions dimensions, int item_rank)
       : rank(static_cast<int>(dimensions.size()) - item_rank) {
+    if (rank > kMaxBatchAxes) {
+      std::fprintf(stderr, "drivetrain: vmap at most %d deep over the simulator\n",
+                   kMaxBatchAxes);
+      std::abort();
+    }
     for (int axis = 0; axis < rank; ++axis) {
       length[axis] = dimensions[axis];
       size *= dimensions[axis];
@@ -85,6 +92,11 @@ class Batched {
   Place stride_{};
   Place item_length_{};
 };
+
+// The number of an item of `count`: as JAX does, numbers beyond the last mean the last.
+inline int64_t clamped(int64_t number, int64_t count) {
+  return std::clamp<int64_t>(number, 0, count - 1);
+}
 
 // Runs `kernel(place)` for all items, on the threads of the pool where that pays.
 //

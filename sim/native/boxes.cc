@@ -69,7 +69,7 @@ ffi::Error overlaps(ffi::ThreadPool pool, ffi::AnyBuffer number, ffi::AnyBuffer 
   const int64_t num_boxes = scene.size();
   for_each(pool, batch, 64, [&](const Place& place) {
     const Boxes boxes(scene, place);
-    const int32_t own = *numbers.at(place);
+    const int64_t own = clamped(*numbers.at(place), num_boxes);
     const Box box = boxes[own];
     bool& hit = *hits.at(place);
     hit = false;
@@ -96,7 +96,7 @@ struct Contact {
 };
 
 // The first box that a rectangle of the given half width meets on chords of a way.
-Contact first_contact(const Boxes& boxes, int64_t num_boxes, int32_t own,
+Contact first_contact(const Boxes& boxes, int64_t num_boxes, int64_t own,
                       const float* places, int64_t num_chords, float half_width,
                       float chord_length) {
   Contact first;
@@ -147,7 +147,7 @@ ffi::Error leaders(ffi::ThreadPool pool, ffi::AnyBuffer number, ffi::AnyBuffer a
   const int64_t num_boxes = scene.size(), num_chords = places.length(0) - 1;
   for_each(pool, batch, 8, [&](const Place& at) {
     const Boxes boxes(scene, at);
-    const int32_t own = *numbers.at(at);
+    const int64_t own = clamped(*numbers.at(at), num_boxes);
     Contact first;
     if (*is_active.at(at)) {
       first = first_contact(boxes, num_boxes, own, places.at(at), num_chords,

@@ -1,11 +1,11 @@
 // Writes what an object sees of others and of the map around; see `compact.py`.
 
 #include <cmath>
-#include <cstring>
 #include <vector>
 
 #include "batch.h"
 #include "map.h"
+#include "nearest.h"
 
 namespace drivetrain {
 namespace {
@@ -30,7 +30,7 @@ struct Objects {
 };
 
 // Writes the nearest others within the radius in the order of their numbers.
-int32_t write_objects(const Objects& objects, const Frame& frame, int32_t own,
+int32_t write_objects(const Objects& objects, const Frame& frame, int64_t own,
                       int64_t most, float radius, const Units& units, float* out) {
   thread_local std::vector<uint64_t> near, nearest;
   near.clear();
@@ -38,9 +38,7 @@ int32_t write_objects(const Objects& objects, const Frame& frame, int32_t own,
     const float x = objects.xy[2 * i] - frame.x, y = objects.xy[2 * i + 1] - frame.y;
     const float squared = x * x + y * y;
     if (!objects.valid[i] || i == own || !(squared <= radius * radius)) continue;
-    uint32_t key;
-    std::memcpy(&key, &squared, sizeof key);
-    near.push_back(uint64_t{key} << 32 | static_cast<uint64_t>(i));
+    near.push_back(uint64_t{key_of(squared)} << 32 | static_cast<uint64_t>(i));
   }
   uint64_t last = ~uint64_t{0};
   if (static_cast<int64_t>(near.size()) > most) {
@@ -143,7 +141,7 @@ void look(ffi::ThreadPool pool, const ffi::RemainingArgs& args,
   const Batched<float> objects(result(0), batch), road(result(2), batch);
   const Batched<int32_t> num_objects(result(1), batch), num_road(result(3), batch);
   for_each(pool, batch, 16, [&](const Place& place) {
-    const int32_t own = *numbers.at(place);
+    const int64_t own = clamped(*numbers.at(place), valid.length(0));
     const Objects all{xy.at(place),   direction.at(place), speed.at(place),
                       size.at(place), valid.at(place),     valid.length(0)};
     const Frame frame{all.xy[2 * own], all.xy[2 * own + 1], all.direction[2 * own],

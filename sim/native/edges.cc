@@ -56,10 +56,10 @@ struct Candidates {
     }
     float best = std::numeric_limits<float>::infinity();
     for (int i = 0; i < count; ++i) best = std::min(best, squared[i]);
-    for (int i = 0; i < count; ++i) {
-      if (squared[i] == best) return number[i];
-    }
-    return -1;
+    if (best == std::numeric_limits<float>::infinity()) return -1;
+    int first = 0;
+    while (squared[first] != best) ++first;
+    return number[first];
   }
 };
 
@@ -68,7 +68,8 @@ template <typename T>
 class EdgeMap {
  public:
   EdgeMap(const Edges<T>& edges, const Place& place) {
-    const int32_t scenario = *edges.index.at(place);
+    const int64_t scenario =
+        clamped(*edges.index.at(place), edges.first_vertex.length(0));
     corner_ = edges.corner.at(place) + 2 * scenario;
     shape_ = edges.shape.at(place) + 2 * scenario;
     nodes_ = edges.nodes.at(place) + edges.first_node.at(place)[scenario];
@@ -113,6 +114,11 @@ class EdgeMap {
       const int32_t number = kBlock * int32_t{blocks[i / kBlock]} + i % kBlock;
       const bool is_segment = number < num_vertices_ && tag_[number] >= kJoined;
       candidates.number[i] = is_segment ? number : -1;
+      candidates.scale[i] = 0;
+      for (int axis = 0; axis < 3; ++axis) {
+        candidates.start[axis][i] = candidates.along[axis][i] = 0;
+      }
+      if (!is_segment) continue;  // there may be no vertex after it
       float squared = 0;
       for (int axis = 0; axis < 3; ++axis) {
         const float stretch = axis == 2 ? kHeightWeight : 1;

@@ -19,6 +19,7 @@ from importlib import metadata
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 
 from .. import files
 
@@ -69,7 +70,7 @@ def on_cpu(
     """
 
     def ask(*operands: Any) -> Any:
-        operands = jax.lax.stop_gradient(operands)
+        operands = jax.tree.map(_narrow, jax.lax.stop_gradient(operands))
         if not is_loaded():
             return plainly(*operands, **static)
         return jax.lax.platform_dependent(
@@ -79,6 +80,13 @@ def on_cpu(
         )
 
     return ask
+
+
+def _narrow(operand: Any) -> Any:
+    """Returns numbers of 64 bits in 32, which is what kernels read."""
+    narrow = {"int64": jnp.int32, "float64": jnp.float32}
+    kind = str(jnp.result_type(operand))
+    return jnp.asarray(operand, narrow[kind]) if kind in narrow else operand
 
 
 def _vary_like(operands: Any, answers: Any) -> Any:

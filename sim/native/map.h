@@ -89,7 +89,7 @@ class Maps {
         vertices_(operand(args, first + 11), batch) {}
 
   Map<T> at(const Place& place) const {
-    const int64_t scenario = *index_.at(place);
+    const int64_t scenario = clamped(*index_.at(place), first_vertex_.length(0));
     const int64_t first_vertex = first_vertex_.at(place)[scenario];
     return {
         corner_.at(place) + 2 * scenario,

@@ -150,7 +150,6 @@ ffi::Error visible_objects(ffi::ThreadPool pool, ffi::AnyBuffer number,
     thread_local std::vector<float> rays, distances;
     thread_local std::vector<int64_t> own_number;
     boxes.clear();
-    rays.clear();
     own_number.clear();
     const Cone cone(cones.at(place));
     const float half = cone.angle / 2;
@@ -225,9 +224,10 @@ void collect(const Map<T>& map, const Cone& cone, MapTypes left_out, MapTypes cl
   };
   map.for_each_piece(cone.x, cone.y, cone.distance, wants, [&](int32_t piece) {
     const MapTypes type = MapTypes{1} << (map.tag[piece] & (kJoined - 1));
-    if (type & left_out) return;
-    add(piece);
     const int32_t end = map.end(piece);
+    const bool is_closing = end == piece && (type & closed);
+    if ((type & left_out) || is_closing) return;
+    add(piece);
     const bool is_last = end != piece && map.end(end) == end;
     if (is_last && !(type & closed)) add(end);
   });
