@@ -53,15 +53,16 @@ def dot(a: Float[Array, "*a n"], b: Float[Array, "*b n"]) -> Float[Array, "*c"]:
 
     Written out, for XLA on CPUs does not fuse sums over an axis with what is around.
     """
-    products = [a[..., i] * b[..., i] for i in range(a.shape[-1])]
-    return functools.reduce(jnp.add, products)
+    products = a * b
+    terms = [products[..., i] for i in range(products.shape[-1])]
+    return functools.reduce(jnp.add, terms)
 
 
 def norm(a: Float[Array, "*batch n"]) -> Float[Array, "*batch"]:
     """Returns the length over the last axis, with gradient zero at the zero vector."""
     squared = dot(a, a)
-    positive = squared > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, squared, 1.0)), 0.0)
+    is_zero = squared == 0  # NaN is not: what is no number has no length
+    return jnp.where(is_zero, 0.0, jnp.sqrt(jnp.where(is_zero, 1.0, squared)))
 
 
 def to_frame(

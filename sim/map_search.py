@@ -17,6 +17,8 @@ from .data.bank import Bank
 from .native import library
 from .records import Record
 
+FAR = 1e9  # metres; off every map, where a search for who is absent ends at once
+
 
 class Pieces(Record):
     """Pieces of the map by their numbers within the scenario."""

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
+from ..map_search import FAR
 from ..scenario import SAME_LEVEL
 from .base import Measure, Metric, Moment
 
@@ -23,7 +24,10 @@ def edge_contact(level: float = SAME_LEVEL) -> Metric:
     def measure(moment: Moment, number: Int[Array, ""]) -> Measure:
         after, valid = moment.after, moment.after.valid[number]
         touches = moment.scene.touches_edge(
-            after.xyz[number], after.yaw[number], moment.object_size[number], level
+            jnp.where(valid, after.xyz[number], FAR),
+            after.yaw[number],
+            moment.object_size[number],
+            level,
         )
         return Measure(value=(touches & valid).astype(jnp.float32), valid=valid)
 

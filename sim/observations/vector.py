@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from .. import geometry
+from ..map_search import FAR
 from ..metrics import route
 from ..metrics.build import EGO
 from ..motion import Motion
@@ -99,7 +100,7 @@ def vector(config: VectorConfig) -> Observer:
         groups = {
             "ego": _tokens(seen[:, number, None], motion.valid[:, number, None]),
             "objects": _objects(config, now, number, seen, motion.valid),
-            "road": _road(config, scene, ego),
+            "road": _road(config, scene, ego, now.valid[number]),
         }
         if config.num_lights:
             groups["lights"] = _lights(config, scene, ego, view.step)
@@ -168,14 +169,15 @@ def _objects(config, now: Motion, ego, seen, valid) -> TokenGroup:
     return _tokens(seen[:, number], valid[:, number] & present[None])
 
 
-def _road(config, scene: Scene, ego: EgoFrame) -> TokenGroup:
+def _road(config, scene: Scene, ego: EgoFrame, is_here) -> TokenGroup:
     """Shows the nearest pieces of the map.
 
     A segment: its nearest point, its ends and its kind. A point: its place, the
     direction to the next one, zero for a sign, and its kind.
     """
     by_segment = config.road == "segments"
-    pieces = scene.nearest_pieces(ego.xy, config.num_road, config.radius, by_segment)
+    place = jnp.where(is_here, ego.xy, FAR)
+    pieces = scene.nearest_pieces(place, config.num_road, config.radius, by_segment)
     start, along = pieces.start[:, :2], (pieces.end - pieces.start)[:, :2]
     if by_segment:
         share = geometry.nearest_on_segment(ego.xy[None], start, start + along)

@@ -59,5 +59,5 @@ def test_nothing_is_measured_twice_in_a_step() -> None:
 
     routes = [metric.name for metric in METRICS if metric.ego_only]
     assert len(routes) == 5
-    # The paths are searched once; what each metric makes of that is a few operations.
-    assert flops(*routes) < 1.5 * flops("progress")
+    # The paths are searched once; five searches would be five times the work.
+    assert flops(*routes) < 2 * flops("progress")
