@@ -24,7 +24,7 @@ class Goal(Record):
     """The goals of all objects, constant in an episode (N 3.1)."""
 
     motion: Motion  # the last valid logged one
-    distance: Float[Array, " objects"]  # from the start of the episode [m]
+    distance: Float[Array, " objects"]  # from the start [m]; 0 for who joins later
 
     def gap(self, motion: Motion, number: Int[Array, ""]) -> Gap:
         """Returns how far an object is from its goal, with finite gradients.
@@ -49,4 +49,5 @@ def logged_goal(scene: Scene, start: Motion) -> Goal:
         start: the motion with which the episode begins.
     """
     end = scene.log_end()
-    return Goal(motion=end, distance=geometry.norm(end.xy - start.xy))
+    distance = geometry.norm(end.xy - start.xy)
+    return Goal(motion=end, distance=jnp.where(start.valid, distance, 0.0))

@@ -53,8 +53,9 @@ def nocturne_dense() -> Reward:
 
     d is the distance to the goal and d_0 that at the start of the episode; dv and dh
     are what speed and heading differ from the goal's (`definitions.md` section 4).
-    Where an episode starts at the goal, the part of the distance is 0.2; an object that
-    is absent or has no goal gets 0. Needs the measure `goal`.
+    Where an episode starts at the goal, and for objects that join later, the part of
+    the distance is 0.2; an object that is absent or has no goal gets 0. Needs the
+    measure `goal`.
     """
 
     def reward(
