@@ -4,6 +4,7 @@ import dataclasses
 import io
 import pathlib
 import zipfile
+import zlib
 
 import numpy as np
 from jaxtyping import Array, Int, PRNGKeyArray, Shaped
@@ -25,6 +26,9 @@ class Record:
 
     scenario_ids: tuple[str, ...]
     dynamics: str  # by name; says what an action is
+    sim_agent: str  # by name; drove all others
+    num_objects: int  # slots of a scenario, the ego's among them
+    quantized: bool  # whether the bank's numbers have 16 bits
     actions: Shaped[np.ndarray, "scenarios steps *features"]  # from the first one on
 
     def require_fits(self, loaded: Loaded, source: str) -> None:
@@ -50,14 +54,35 @@ class Record:
             "--split and --max-scenarios of the record"
         )
 
+    def differences(self, loaded: Loaded, sim_agent: str) -> list[str]:
+        """Says what else differs from when it was recorded, so that the rollout may."""
+        pairs = {
+            "--sim-agent": (self.sim_agent, sim_agent),
+            "--max-objects": (self.num_objects, loaded.bank.sizes.num_objects),
+            "--quantize": (self.quantized, is_quantized(loaded)),
+        }
+        return [
+            f"{name} {now}, not {then}"
+            for name, (then, now) in pairs.items()
+            if now != then
+        ]
+
+
+def is_quantized(loaded: Loaded) -> bool:
+    """Tells whether numbers of a bank have 16 bits."""
+    return not np.issubdtype(loaded.bank.poses.dtype, np.floating)
+
 
 def write(path: pathlib.Path, record: Record) -> None:
-    """Writes an `.npz` archive of `scenario_id`, `dynamics` and `actions`."""
+    """Writes an `.npz` archive of the fields, `scenario_ids` as `scenario_id`."""
     archive = io.BytesIO()
     np.savez_compressed(
         archive,
         scenario_id=np.array(record.scenario_ids),
         dynamics=np.array(record.dynamics),
+        sim_agent=np.array(record.sim_agent),
+        num_objects=np.array(record.num_objects),
+        quantized=np.array(record.quantized),
         actions=record.actions,
     )
     files.write_whole(path, archive.getvalue())
@@ -76,12 +101,23 @@ def read(path: pathlib.Path) -> Record:
             record = Record(
                 scenario_ids=tuple(archive["scenario_id"].tolist()),
                 dynamics=str(archive["dynamics"]),
+                sim_agent=str(archive["sim_agent"]),
+                num_objects=int(archive["num_objects"]),
+                quantized=bool(archive["quantized"]),
                 actions=archive["actions"],
             )
-    except (ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+    except (
+        ValueError,
+        KeyError,
+        TypeError,
+        EOFError,
+        NotImplementedError,
+        zlib.error,
+        zipfile.BadZipFile,
+    ) as error:
         raise ValueError(
-            f"'{path}' is no record of actions; make one with: drivetrain evaluate "
-            f"AGENT --record {path}"
+            f"'{path}' is no record of actions, or is damaged; make one with: "
+            f"drivetrain evaluate AGENT --record {path}"
         ) from error
     spec = dynamics.build(record.dynamics).action_spec
     kind = np.integer if isinstance(spec, Discrete) else np.floating
@@ -92,6 +128,12 @@ def read(path: pathlib.Path) -> Record:
             f"'{path}' holds actions of shape {record.actions.shape} and type "
             f"{record.actions.dtype}, which are none of {shape[0]} scenarios with "
             f"--dynamics {record.dynamics}; record it again"
+        )
+    if not np.all(np.isfinite(record.actions)):
+        scenario, step = np.argwhere(~np.isfinite(record.actions))[0][:2]
+        raise ValueError(
+            f"'{path}' holds actions that are no numbers: in scenario "
+            f"'{record.scenario_ids[scenario]}' from step {step} on; record it again"
         )
     return record
 

@@ -161,6 +161,13 @@ def replayed(
             f"{dynamics_name}; leave the option out"
         )
     record.require_fits(loaded, source)
+    different = ", ".join(record.differences(loaded, sim_agent))
+    if different:
+        rich_console.Console(stderr=True).print(
+            f"'{source}' was recorded otherwise, so rollouts may differ: {different}",
+            highlight=False,
+            markup=False,
+        )
     return Player(
         name=RECORDED,
         sim_agent=sim_agent,
@@ -175,14 +182,33 @@ def record(player: Player, loaded: Loaded, seed: int) -> Record:
     """Plays every scenario and returns the actions of the ego."""
     taken = _play(player, loaded, seed, "recording", lambda steps: steps.action)
     ids = tuple(scenario.scenario_id for scenario in loaded.scenarios)
-    return Record(scenario_ids=ids, dynamics=player.dynamics, actions=taken)
+    return Record(
+        scenario_ids=ids,
+        dynamics=player.dynamics,
+        sim_agent=player.sim_agent,
+        num_objects=loaded.bank.sizes.num_objects,
+        quantized=actions.is_quantized(loaded),
+        actions=taken,
+    )
 
 
 def play(player: Player, loaded: Loaded, seed: int) -> dict[str, np.ndarray]:
-    """Plays every scenario and returns each figure by episode, with its mask."""
+    """Plays every scenario and returns each figure by episode, with its mask.
+
+    Raises:
+        ValueError: if the ego is nowhere at some step.
+    """
     episodes = _play(player, loaded, seed, "evaluating", figures)
     masks = {f"{name}_mask": valid for name, valid in episodes.valid.items()}
-    return {name: np.asarray(x) for name, x in {**episodes.value, **masks}.items()}
+    found = {name: np.asarray(x) for name, x in {**episodes.value, **masks}.items()}
+    lost = found["log_ade_mask"] & ~np.isfinite(found["log_ade"])
+    if np.any(lost):
+        first = loaded.scenarios[int(np.argmax(lost))].scenario_id
+        raise ValueError(
+            f"'{player.name}' drove the ego to no place in {np.sum(lost)} scenarios, "
+            f"'{first}' the first: its actions are no finite numbers"
+        )
+    return found
 
 
 def _play(player: Player, loaded: Loaded, seed: int, doing: str, keep) -> PyTree:

@@ -51,6 +51,9 @@ def record_of(**fields) -> Record:
     whole = {
         "scenario_ids": tuple(synthetic.generate(seed).scenario_id for seed in SEEDS),
         "dynamics": "bicycle",
+        "sim_agent": "idm",
+        "num_objects": 6,
+        "quantized": True,
         "actions": np.zeros((len(SEEDS), 80, 2), np.float32),
     }
     return Record(**(whole | fields))
@@ -59,10 +62,21 @@ def record_of(**fields) -> Record:
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ("--actions text.npz", "'text.npz' is no record of actions; make one with"),
+        (
+            "--actions text.npz",
+            "'text.npz' is no record of actions, or is damaged; make one with",
+        ),
         ("--actions array.npy", "'array.npy' is no record of actions"),
         ("--actions pickle.npz", "'pickle.npz' is no record of actions"),
         ("--actions other.npz", "'other.npz' is no record of actions"),
+        (
+            "--actions damaged.npz",
+            "'damaged.npz' is no record of actions, or is damaged",
+        ),
+        (
+            "--actions nan.npz",
+            "in scenario 'synthetic-000003-junction' from step 7 on; record it",
+        ),
         ("--actions absent.npz", "No such file or directory: 'absent.npz'"),
         ("--actions shape.npz", "holds actions of shape (3, 80, 3) and type float"),
         (
@@ -92,16 +106,33 @@ def test_what_cannot_be_played_again_is_told_in_one_sentence(
     np.savez(tmp_path / "pickle.npz", **pickled)
     np.savez(tmp_path / "other.npz", xy=np.zeros(2))
     first, second, third = good.scenario_ids
+    unsteady = good.actions.copy()
+    unsteady[1, 7:] = np.nan
     for name, record in {
         "good": good,
         "shape": record_of(actions=np.zeros((3, 80, 3), np.float32)),
         "swapped": record_of(scenario_ids=(second, first, third)),
         "short": record_of(actions=good.actions[:, 1:]),
+        "nan": record_of(actions=unsteady),
     }.items():
         actions.write(tmp_path / f"{name}.npz", record)
+    damaged = bytearray((tmp_path / "good.npz").read_bytes())
+    damaged[len(damaged) // 2] ^= 0xFF
+    (tmp_path / "damaged.npz").write_bytes(damaged)
     assert drivetrain("evaluate", "recorded", *WORDS, *words.split()) == 2
     error = capsys.readouterr().err
     assert sentence in error and "Traceback" not in error
+
+
+def test_what_was_otherwise_when_recorded_is_told(
+    drivetrain, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture
+) -> None:
+    actions.write(tmp_path / "good.npz", record_of(num_objects=4))
+    words = ("--data", "synthetic:2:3", "--max-objects", "6", "--no-quantize")
+    assert drivetrain("evaluate", "recorded", "--actions", "good.npz", *words) == 0
+    told = " ".join(capsys.readouterr().err.split())
+    assert "--sim-agent playback, not idm, --max-objects 6, not 4" in told
+    assert "--quantize False, not True" in told
 
 
 def test_actions_of_another_agent_are_refused(
