@@ -154,7 +154,7 @@ def test_an_unknown_path_is_named_with_what_could_stand_there(tmp_path, name):
 
 
 def test_a_folder_that_is_no_store_is_said_to_be_none(folder):
-    with pytest.raises(FileNotFoundError, match="no finished store"):
+    with pytest.raises(FileNotFoundError, match=r"holds no store; .*pattern such as"):
         loader.load(Source(path=str(folder)))
 
 

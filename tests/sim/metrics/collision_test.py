@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tests import worlds
+from tests import changes, worlds
 from tests.oracles import metrics as oracle
 
 NEAR_TOUCH = 2e-3  # metres by which boxes are made larger and smaller; float32 at 1 km
@@ -41,6 +41,6 @@ def test_who_is_alone_collides_with_nobody() -> None:
     np.testing.assert_array_equal(measures["collision"].valid, alone)
 
 
-@pytest.mark.parametrize("change", worlds.CHANGES)
+@pytest.mark.parametrize("change", changes.CHANGES)
 def test_collisions_are_kept(change: str) -> None:
-    worlds.assert_kept(change, "collision", 0)
+    changes.assert_kept(change, "collision", 0)

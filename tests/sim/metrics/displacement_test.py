@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drivetrain.sim.metrics import displacement
-from tests import worlds
+from tests import changes, worlds
 from tests.oracles import metrics as oracle
 
 
@@ -58,6 +58,6 @@ def test_the_gradient_is_finite_on_the_log_and_without_one() -> None:
     np.testing.assert_allclose(away[here, :2], np.sqrt(0.5), rtol=1e-3)
 
 
-@pytest.mark.parametrize("change", worlds.CHANGES)
+@pytest.mark.parametrize("change", changes.CHANGES)
 def test_displacements_are_kept(change: str) -> None:
-    worlds.assert_kept(change, "log_displacement", worlds.ROUNDING)
+    changes.assert_kept(change, "log_displacement", worlds.ROUNDING)

@@ -11,7 +11,7 @@ from drivetrain.sim.data import synthetic
 from drivetrain.sim.metrics.base import Moment
 from drivetrain.sim.metrics.edge_contact import edge_contact
 from drivetrain.sim.scenario import Scenario
-from tests import worlds
+from tests import changes, worlds
 from tests.oracles import metrics as oracle
 from tests.oracles.geometry import Box
 
@@ -84,6 +84,6 @@ def test_a_map_without_edges_is_touched_nowhere() -> None:
     np.testing.assert_array_equal(contact.valid, moment.after.valid)
 
 
-@pytest.mark.parametrize("change", worlds.CHANGES)
+@pytest.mark.parametrize("change", changes.CHANGES)
 def test_contacts_are_kept(change: str) -> None:
-    worlds.assert_kept(change, "edge_contact", 0)
+    changes.assert_kept(change, "edge_contact", 0)

@@ -8,7 +8,7 @@ import pytest
 from drivetrain.sim import geometry
 from drivetrain.sim.dynamics import bicycle
 from drivetrain.sim.metrics import kinematics
-from tests import worlds
+from tests import changes, worlds
 from tests.oracles import dynamics, metrics as oracle
 
 SLACK = (kinematics.ACCELERATION_SLACK, kinematics.CURVATURE_SLACK)
@@ -114,6 +114,6 @@ def test_nothing_is_undefined_at_rest() -> None:
     np.testing.assert_array_equal(measures["kinematic"].value, 0)
 
 
-@pytest.mark.parametrize("change", worlds.CHANGES)
+@pytest.mark.parametrize("change", changes.CHANGES)
 def test_verdicts_are_kept(change: str) -> None:
-    worlds.assert_kept(change, "kinematic", 0)
+    changes.assert_kept(change, "kinematic", 0)

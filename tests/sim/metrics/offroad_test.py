@@ -11,7 +11,7 @@ from drivetrain.sim.data.pack import PackConfig, pack
 from drivetrain.sim.geometry import box_corners
 from drivetrain.sim.metrics.aggregate import FLAGS
 from drivetrain.sim.scene import Edge, Scene
-from tests import worlds
+from tests import changes, worlds
 from tests.oracles import geometry, metrics as oracle
 
 NUM_POINTS = 300
@@ -148,6 +148,6 @@ def test_quantised_flags_agree_but_for_near_ties(kind: str) -> None:
     assert (~flat).sum() <= max(1, 0.001 * len(flat))  # of few flags, one may differ
 
 
-@pytest.mark.parametrize("change", worlds.CHANGES)
+@pytest.mark.parametrize("change", changes.CHANGES)
 def test_verdicts_are_kept(change: str) -> None:
-    worlds.assert_kept(change, "offroad", 0)
+    changes.assert_kept(change, "offroad", 0)

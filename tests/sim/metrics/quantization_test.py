@@ -1,4 +1,4 @@
-"""Tests what the 16-bit numbers of a bank change of the flags, on every real file."""
+"""Tests what the 16-bit numbers of a bank change of the flags, on every second file."""
 
 import functools
 from typing import NamedTuple
@@ -51,13 +51,13 @@ class Values(NamedTuple):
 
 @functools.cache
 def bank_of(config: PackConfig) -> Bank:
-    """Returns the bank of all real scenarios; skips without files."""
+    """Returns the bank of half of the real scenarios; skips without files."""
     if not worlds.REAL_DATA.exists():
         pytest.skip("the real files of ../shared/data are not here")
     paths = [path for pattern in PATTERNS for path in worlds.REAL_DATA.glob(pattern)]
     records = [
         record
-        for path in sorted(paths)
+        for path in sorted(paths)[::2]
         for record in loader.packed_records(path, config)
     ]
     packed = [record for record in records if not isinstance(record, BadRecord)]

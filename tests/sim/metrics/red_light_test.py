@@ -9,7 +9,7 @@ from drivetrain.sim.metrics import red_light
 from drivetrain.sim.metrics.base import Measure, Moment
 from drivetrain.sim.motion import Motion
 from drivetrain.sim.scenario import LANES, LightState, Scenario
-from tests import worlds
+from tests import changes, worlds
 from tests.oracles import geometry, metrics as oracle
 
 NUM_STEPS = 6  # of a scenario that are looked at, and as many at which lights change
@@ -111,6 +111,6 @@ def test_red_lights_are_run_where_the_oracle_says(kind: str) -> None:
     assert len(count) > 100
 
 
-@pytest.mark.parametrize("change", worlds.CHANGES)
+@pytest.mark.parametrize("change", changes.CHANGES)
 def test_verdicts_are_kept(change: str) -> None:
-    worlds.assert_kept(change, "red_light", 0)
+    changes.assert_kept(change, "red_light", 0)

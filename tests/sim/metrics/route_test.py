@@ -7,7 +7,7 @@ import pytest
 
 from drivetrain.sim.metrics import route
 from drivetrain.sim.scenario import Scenario
-from tests import worlds
+from tests import changes, worlds
 from tests.oracles import routes as oracle
 
 
@@ -113,6 +113,6 @@ def test_the_gradient_of_progress_is_finite_on_the_path_and_off_it() -> None:
 
 
 @pytest.mark.parametrize("name", ["progress", "offroute", "route_distance"])
-@pytest.mark.parametrize("change", worlds.CHANGES)
+@pytest.mark.parametrize("change", changes.CHANGES)
 def test_the_place_on_the_route_is_kept(change: str, name: str) -> None:
-    worlds.assert_kept(change, name, 0 if name == "offroute" else worlds.ROUNDING)
+    changes.assert_kept(change, name, 0 if name == "offroute" else worlds.ROUNDING)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests import worlds
+from tests import changes, worlds
 from tests.oracles import routes as oracle
 
 
@@ -33,6 +33,6 @@ def test_the_way_is_wrong_where_the_oracle_says() -> None:
 
 
 @pytest.mark.parametrize("name", ["wrong_way", "path_distance"])
-@pytest.mark.parametrize("change", worlds.CHANGES)
+@pytest.mark.parametrize("change", changes.CHANGES)
 def test_the_distance_is_kept(change: str, name: str) -> None:
-    worlds.assert_kept(change, name, 0 if name == "wrong_way" else worlds.ROUNDING)
+    changes.assert_kept(change, name, 0 if name == "wrong_way" else worlds.ROUNDING)
