@@ -5,7 +5,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
-.PHONY: demo test lint clean
+.PHONY: setup demo test lint clean
+
+setup: $(READY)
 
 demo: $(READY)
 	$(BIN)/drivetrain demo

@@ -161,7 +161,7 @@ def evaluate(
 
     With --record, the row is that of the actions in the file, played again: so it is,
     to the last digit, that of `drivetrain evaluate recorded --actions FILE` with the
-    same data and sim agents.
+    same data, objects and sim agents.
 
     Args:
         agent: expert, coast, random, constant_speed, idm, recorded, or the folder of a
@@ -215,6 +215,8 @@ def _require_outputs(
     outputs: Mapping[str, pathlib.Path | None], folder: pathlib.Path | None
 ) -> None:
     """Checks that files, by option, and a folder can be written."""
+    if folder is not None and folder.exists() and not folder.is_dir():
+        raise ValueError(f"'{folder}' is a file; name a folder to write to.")
     for option, out in outputs.items():
         if out is not None and out.is_dir():
             raise ValueError(f"--{option} '{out}' is a folder; name a file in it.")
@@ -253,9 +255,9 @@ def benchmark(
         data: a store, a file, a quoted pattern of files, or synthetic:FIRST:COUNT for
             generated scenarios.
         scenarios: how many of the data to use, those with the most objects.
-        objects: object slots of a scenario, with commas between several numbers; by
-            default those of the paper.
-        batches: worlds at once, likewise.
+        objects: object slots of a scenario, with commas between several numbers, such
+            as 8,16; by default those of the papers, up to 128.
+        batches: worlds at once, likewise, up to 1,024 for throughput.
         sim_agent: who drives what is not controlled.
         seconds: how long to repeat each call.
         max_memory_gb: throughput leaves out programs that need more.
@@ -310,8 +312,8 @@ def main() -> None:
         sys.exit(2)
     except KeyboardInterrupt:
         print(
-            "drivetrain: stopped; prepare goes on from its last shard, train and demo "
-            "from their last checkpoint, when run again",
+            "drivetrain: stopped; when run again, prepare goes on from its last shard, "
+            "train and demo from their last checkpoint, and the others begin anew",
             file=sys.stderr,
         )
         sys.exit(130)

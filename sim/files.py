@@ -2,6 +2,7 @@
 
 import os
 import pathlib
+import tempfile
 
 
 def write_whole(path: str | os.PathLike[str], content: str | bytes) -> None:
@@ -30,12 +31,17 @@ def require_writable(path: pathlib.Path) -> None:
     """Checks, before the work is done, that a file or folder can be made.
 
     Raises:
-        PermissionError: if the nearest folder that is there may not be written to.
+        ValueError: if the nearest of the folders above that is there is none, or may
+            not be written to.
     """
-    folder = path.absolute()
-    while not folder.is_dir():
+    folder = path.absolute().parent
+    while not folder.exists():
         folder = folder.parent
-    if not os.access(folder, os.W_OK):
-        raise PermissionError(
+    if not folder.is_dir():
+        raise ValueError(f"'{folder}' is no folder; name another place for '{path}'")
+    try:
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise ValueError(
             f"'{folder}' may not be written to; name another place for '{path}'"
-        )
+        ) from error

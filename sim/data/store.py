@@ -118,6 +118,11 @@ def read_manifest(path: pathlib.Path) -> dict[str, Any]:
             f"no store at '{path}'; make one with 'drivetrain prepare FILES {path}'"
         )
     if not is_store(path):
+        if not any(path.glob("shard-*")):
+            raise FileNotFoundError(
+                f"'{path}' is a folder that holds no store; to read the files in it, "
+                f"give a quoted pattern such as '{path}/*'"
+            )
         raise FileNotFoundError(
             f"'{path}' holds no finished store: {MANIFEST} is missing; "
             f"run 'drivetrain prepare FILES {path}', which continues where it was"
