@@ -16,16 +16,18 @@ from ..sim.observations.vector import VectorConfig
 from ..sim.sim_agents import build as sim_agents
 from . import report, tables
 from .benchmarks import page, scenes, table
-from .benchmarks.base import Settings
+from .benchmarks.base import Benchmark, Settings
 from .benchmarks.nocturne_speed import nocturne_speed
 from .benchmarks.runtime import runtime
 from .benchmarks.throughput import throughput
 from .progress import progress
 
-# What the published simulators show of the road: the nearest of the logged points.
-WIDE = VectorConfig(history=0, num_road=1000, road="points")
+# The road as published simulators show it, and little else.
+ROAD = VectorConfig(
+    history=0, num_objects=1, road="points", num_road=1000, num_lights=0, num_route=0
+)
 BENCHMARKS = {
-    "runtime": runtime(METRICS, WIDE),
+    "runtime": runtime(METRICS, ROAD),
     "nocturne": nocturne_speed(nocturne(NocturneConfig())),
     "throughput": throughput(compact(CompactConfig())),
 }
@@ -70,13 +72,13 @@ def benchmark(
     compile_s = sum(float(row["compile_s"] or 0) for row in rows)
     facts["compiled"] = f"in {compile_s:.0f} s, which no figure contains"
 
-    shown = table.terminal(chosen, rows, facts)
-    rich_console.Console().print(shown)
+    _print(rich_console.Console(), chosen, rows, facts)
     if json is not None:
         tables.write_json(json, rows)
     if folder is not None:
         page_text = io.StringIO()
-        rich_console.Console(file=page_text, width=REPORT_COLUMNS).print(shown)
+        console = rich_console.Console(file=page_text, width=REPORT_COLUMNS)
+        _print(console, chosen, rows, facts)
         page.write(
             folder,
             title=f"Drivetrain: {chosen.title}",
@@ -84,6 +86,15 @@ def benchmark(
             plots=chosen.plots(rows),
             facts=report.environment() | facts,
         )
+
+
+def _print(
+    console: rich_console.Console,
+    chosen: Benchmark,
+    rows: list[tables.Row],
+    facts: dict[str, str],
+) -> None:
+    console.print(table.terminal(chosen, rows, facts, console.width))
 
 
 def device() -> str:

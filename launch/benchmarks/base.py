@@ -9,6 +9,8 @@ from .. import tables
 from .scenes import Scenes
 from .timing import Timing
 
+MOST = 2**16  # worlds at once, and objects of each
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Settings:
@@ -30,8 +32,11 @@ class Settings:
         """
         for name in ("objects", "batches"):
             numbers = getattr(self, name)
-            if numbers and min(numbers) < 1:
-                raise ValueError(f"{name} must be at least 1, got {min(numbers)}.")
+            for number in numbers:
+                if not 1 <= number <= MOST:
+                    raise ValueError(
+                        f"{name} must be from 1 to {MOST:,}, got {number:,}."
+                    )
         if self.scenarios < 1:
             raise ValueError(f"scenarios must be at least 1, got {self.scenarios}.")
         for name in ("seconds", "max_memory_gb"):
@@ -74,6 +79,7 @@ class Column:
     title: str
     unit: str
     scale: float = 1.0  # from the row's figure to the unit
+    is_extra: bool = False  # left out where lines are short
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

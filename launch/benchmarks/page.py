@@ -77,6 +77,9 @@ def draw(plot: Plot) -> dict[str, bytes]:
     ax.set_ylabel(plot.y_label, color=AXIS_COLOR)
     ax.tick_params(which="both", colors=AXIS_COLOR)
     ax.grid(color=AXIS_COLOR, alpha=0.25, linewidth=0.6)
+    low, high = ax.get_ylim()
+    if high < 10 * low:  # so that what differs little looks so
+        ax.set_ylim((low * high / 10) ** 0.5, (low * high * 10) ** 0.5)
     ax.spines[["top", "right"]].set_visible(False)
     ax.legend(frameon=False)
     pictures = {}

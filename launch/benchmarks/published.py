@@ -67,8 +67,15 @@ def waymax(env: str, platform: str, batch: int, objects: int) -> dict[str, float
     return {name: float(x) for name, x in figures.items() if x is not None}
 
 
-def nocturne(env: str, objects: int) -> float | None:
-    """Returns the agent-steps per second of the same setting, if there are any."""
+def nocturne(env: str, num_objects: float | int) -> float | None:
+    """Returns the agent-steps per second of the most similar setting, if there is one.
+
+    Args:
+        env: the procedure.
+        num_objects: how many are there, on average.
+    """
     if env == "multi_agent":
         return NOCTURNE_MULTI_AGENT
-    return NOCTURNE_SINGLE_AGENT.get(objects - 1)
+    nearest = min(NOCTURNE_SINGLE_AGENT, key=lambda n: abs(n + 1 - num_objects))
+    is_similar = abs(nearest + 1 - num_objects) < 0.2 * num_objects
+    return NOCTURNE_SINGLE_AGENT[nearest] if is_similar else None

@@ -162,14 +162,15 @@ def runtime(metrics: tuple[Metric, ...], sight: VectorConfig) -> Benchmark:
             Column(key="metrics_ms", title="Metrics", unit="ms"),
             Column(key="step_ms", title="Step", unit="ms"),
             Column(key="rollout_ms", title="Rollout", unit="ms"),
-            Column(key="observation_ms", title="Observe", unit="ms"),
+            Column(key="observation_ms", title="Observe", unit="ms", is_extra=True),
             Column(key="peak_memory_mb", title="Memory", unit="MB"),
         ),
         plots=plots,
         notes=(
             f"Observe: what all objects see, each {sight.num_road:,} {sight.road} of "
             "the road.",
-            "W: Waymax, table 2 (128 objects; Xeon W-2135 or V100) and table 6 (fewer "
-            "objects, memory; EPYC 7B12 or V100).",
+            "W: Waymax with as many objects and worlds on the same kind of device: of "
+            "128 objects its table 2 (Xeon W-2135 or V100), of fewer, and of the "
+            "memory, its table 6 (EPYC 7B12 or V100).",
         ),
     )

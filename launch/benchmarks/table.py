@@ -7,6 +7,7 @@ from rich import box, table as rich_table, text
 from .. import tables
 from .base import Benchmark, Column
 
+WIDE = 100  # characters of a line from which extra columns have a place
 MEDIANS = "Times and rates are medians over calls, with quartiles."
 
 
@@ -42,7 +43,10 @@ def _cell(row: tables.Row, column: Column, paper: str) -> text.Text:
 
 
 def terminal(
-    benchmark: Benchmark, rows: Sequence[tables.Row], facts: Mapping[str, str]
+    benchmark: Benchmark,
+    rows: Sequence[tables.Row],
+    facts: Mapping[str, str],
+    width: int,
 ) -> rich_table.Table:
     """Makes the table.
 
@@ -50,7 +54,9 @@ def terminal(
         benchmark: whose rows they are.
         rows: its figures.
         facts: what they depend on, by name.
+        width: characters of a line.
     """
+    columns = [c for c in benchmark.columns if width >= WIDE or not c.is_extra]
     lines = [f"{name}: {fact}" for name, fact in facts.items()]
     table = rich_table.Table(
         title=text.Text(benchmark.title),
@@ -64,7 +70,7 @@ def terminal(
     )
     table.add_column("Env\nbatch", no_wrap=True)
     table.add_column("Objects\nvalid", justify="right")
-    for column in benchmark.columns:
+    for column in columns:
         table.add_column(
             f"{column.title}\n{column.unit}", justify="right", overflow="fold"
         )
@@ -74,6 +80,6 @@ def terminal(
             text.Text(str(row["objects"])).append(
                 f"\n{float(row['valid_objects'] or 0):.1f}", "dim"
             ),
-            *(_cell(row, column, benchmark.paper) for column in benchmark.columns),
+            *(_cell(row, column, benchmark.paper) for column in columns),
         )
     return table

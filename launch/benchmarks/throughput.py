@@ -107,7 +107,7 @@ def plots(rows: Sequence[tables.Row]) -> list[Plot]:
             y_label=y_label,
             lines=lines_by(
                 [row for row in rows if key in row],
-                lambda row, other=other, unit=unit: f"{row[other]} {unit}",
+                lambda row, other=other, unit=unit: f"{unit}: {row[other]}",
                 x,
                 key,
             ),
@@ -144,7 +144,7 @@ def throughput(observer: Observer) -> Benchmark:
         plots=plots,
         notes=(
             "Rate: steps of objects that are there. A step draws random actions and "
-            "measures collision and off-road; observed, every object looks around too. "
-            "What needs more than --max-memory-gb is not run.",
+            "measures only collision and off-road; observed, every object looks around "
+            "too. What needs more than --max-memory-gb is not run.",
         ),
     )

@@ -61,7 +61,8 @@ def idm(config: IdmConfig) -> SimAgent:
 
     It drives vehicles that are there at the current step, move at least a metre later
     on and touch nobody at the start, along their logged way and past its end straight
-    on. All others do what the log says.
+    on. All others do what the log says. Which leader is met and how far ahead has no
+    gradient; how fast both drive has one.
     """
 
     def reset(scene: Scene) -> Follower:

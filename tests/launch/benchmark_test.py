@@ -227,14 +227,14 @@ def test_published_figures_of_nocturne_are_those_of_its_appendix() -> None:
             assert figure == float(row["steps_per_second"])
     # "about 3800 frames of experience per second" is rounded to hundreds.
     assert published.nocturne("multi_agent", 20) == pytest.approx(3800, abs=50)
-    assert published.nocturne("single_agent", 12) is None
+    assert published.nocturne("single_agent", 16) is None
 
 
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
         (["--objects", "8;16"], "objects must be whole numbers such as 8,16"),
-        (["--objects", "0"], "objects must be at least 1, got 0."),
+        (["--objects", "0"], "objects must be from 1 to 65,536, got 0."),
         (["--batches", "1,,2"], "batches must be whole numbers"),
         (["--scenarios", "0"], "scenarios must be at least 1, got 0."),
         (["--seconds", "0"], "seconds must be positive and finite, got 0.0."),
