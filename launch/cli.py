@@ -205,7 +205,18 @@ def evaluate(
     rows = [evaluating.row(player, loaded, seed)]
     tables.show(rows, f"{agent} on {data}")
     if json is not None:
-        tables.write_json(json, rows)
+        facts: tables.Row = {
+            "data": data,
+            "split": split,
+            "test_share": test_share,
+            "max_scenarios": max_scenarios,
+            "quantize": quantize,
+            "max_objects": max_objects,
+            "dynamics": player.dynamics,
+            "seed": seed,
+            "jax": jax.__version__,
+        }
+        tables.write_json(json, [facts | row for row in rows])
     if dump is not None:
         with progress("dumping", len(loaded.scenarios), unit="scenarios") as line:
             dumps.dump(player, loaded, seed, dump, line.update)

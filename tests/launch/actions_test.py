@@ -38,6 +38,8 @@ def test_a_record_is_played_again_to_the_last_bit(
     )
     assert first.pop("agent") == "expert" and again.pop("agent") == "recorded"
     assert first == again
+    wanted = {"data": "synthetic:2:3", "max_objects": 6, "dynamics": "delta"}
+    assert first.items() >= wanted.items()
     done, same = dumped(tmp_path / "1"), dumped(tmp_path / "2")
     assert len(done) > 30 and done.keys() == same.keys()
     for name, array in done.items():
