@@ -42,9 +42,9 @@ from .base import (
     timed,
 )
 from .scenes import Scenes, mean_valid
+from .tasks import starts
 
 NUM_STEPS = 80  # of an episode
-NUM_INPUTS = 4  # batches of scenarios that take turns
 
 # Of a state and a key: the state with its team, the numbers of agents, and who of them
 # looks around.
@@ -117,13 +117,7 @@ def measure_cell(
         (COLLISION, EDGE_CONTACT),
     )
     bank = scenes.bank(cell.objects)
-    reset = jax.jit(jax.vmap(env.reset, in_axes=(None, 0, 0)))
-    inputs = []
-    for shift in range(NUM_INPUTS):
-        keys = jax.random.split(jax.random.key(shift), cell.batch)
-        states = reset(bank, scenes.indices(cell.batch, shift), keys)
-        inputs.append((bank, states, keys))
-
+    inputs = starts(env, bank, scenes, cell.batch)
     choose, num_agents = random_vehicle, 1.0
     if cell.env == "multi_agent":
         counts = jnp.stack([states.teams[0].sum(axis=-1) for _, states, _ in inputs])

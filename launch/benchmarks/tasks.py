@@ -4,7 +4,8 @@ import dataclasses
 import functools
 from collections.abc import Callable, Sequence
 
-from jaxtyping import Array, Float, Int, PRNGKeyArray
+import jax
+from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
 from ...sim import rewards
 from ...sim.data.bank import Bank
@@ -19,11 +20,13 @@ from ...sim.observations.base import Observer
 from ...sim.rewards import Reward
 from ...sim.scene import Scene
 from ...sim.sim_agents.base import SimAgent
+from .scenes import Scenes
 
 Measures = dict[str, Measure]
 Outcome = tuple[Measures, Float[Array, "*objects"]]  # and the reward
 Step = Callable[[Bank, State, Act], tuple[State, Outcome]]
 
+NUM_INPUTS = 4  # batches of worlds that take turns
 BLIND = Observer(history=0, observe=lambda view, number: {}, describe=lambda: ())
 
 
@@ -36,6 +39,18 @@ class Task:
     transition: Callable[[Bank, State, Act], State]
     metrics: Callable[[Bank, State, State], Measures]  # of all objects
     step: Step  # with these metrics
+
+
+def starts(
+    env: Environment, bank: Bank, scenes: Scenes, batch: int
+) -> list[tuple[Bank, State, Key[Array, " worlds"]]]:
+    """Returns the bank with worlds at their start and a key for each, some times."""
+    reset = jax.jit(jax.vmap(env.reset, in_axes=(None, 0, 0)))
+    inputs = []
+    for shift in range(NUM_INPUTS):
+        keys = jax.random.split(jax.random.key(shift), batch)
+        inputs.append((bank, reset(bank, scenes.indices(batch, shift), keys), keys))
+    return inputs
 
 
 def measure(

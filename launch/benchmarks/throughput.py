@@ -23,9 +23,9 @@ from .. import tables
 from . import timing
 from .base import Benchmark, Cell, Column, Plot, Settings, lines_by, rate, timed
 from .scenes import Scenes, mean_valid
+from .tasks import starts
 
 NUM_STEPS = 32  # of one call
-NUM_INPUTS = 4  # batches of worlds that take turns
 
 
 def play(env: Environment, driver: Driver, *, observes: bool) -> Callable[..., Any]:
@@ -64,13 +64,7 @@ def measure_cell(
     )
     driver = drivers.together(drivers.random(dynamics))
     bank = scenes.bank(cell.objects)
-    reset = jax.jit(jax.vmap(env.reset, in_axes=(None, 0, 0)))
-    inputs = []
-    for shift in range(NUM_INPUTS):
-        keys = jax.random.split(jax.random.key(shift), cell.batch)
-        worlds = reset(bank, scenes.indices(cell.batch, shift), keys)
-        inputs.append((bank, worlds, keys))
-
+    inputs = starts(env, bank, scenes, cell.batch)
     num_valid = mean_valid(worlds for _, worlds, _ in inputs)
     row: tables.Row = {"valid_objects": num_valid, "compile_s": 0.0}
     for prefix, observes in (("", False), ("observed_", True)):
