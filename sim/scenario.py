@@ -53,6 +53,7 @@ class MapType(enum.IntEnum):
     DRIVEWAY = 20
 
 
+DT = 0.1  # seconds between steps, unless a file says otherwise
 NUM_MAP_TYPES = len(MapType) + 1  # the codes run to 20, and 4 is not used
 SAME_LEVEL = 3.0  # metres between heights, up to which things share a road
 MAX_EXTENT = 10_000.0  # metres that a scene may reach
@@ -122,10 +123,16 @@ class Polylines:
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
 class LaneLinks:
-    """The lane graph as pairs of feature ids; ids that no lane has are passed over."""
+    """What ties lanes to one another and to rules, by feature ids.
+
+    Ids that no feature has are passed over.
+    """
 
     successor: Int[np.ndarray, "successors 2"]  # from a lane's end into the next lane
     neighbor: Int[np.ndarray, "neighbors 2"]  # a lane change to the second
+    stop: Int[np.ndarray, "stops 2"]  # a stop sign, and a lane that it stops
+    limited: Int[np.ndarray, " limits"]  # lanes with a speed limit, each once
+    limit: Float[np.ndarray, " limits"]  # their speed limits [m/s]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -158,7 +165,7 @@ class Scenario:
 
     scenario_id: str
     dataset: str  # the reader that made it
-    dt: float = 0.1  # seconds between steps
+    dt: float = DT  # seconds between steps
     current_step: int = 10  # the last step of history; simulation starts from it
     tracks: Tracks
     ego_index: int
@@ -167,6 +174,7 @@ class Scenario:
     lights: Lights
     lane_links: LaneLinks | None  # None where the format carries no lane graph
     paths: Paths | None = None  # None until `data.routes` has found them
+    assumptions: tuple[str, ...] = ()  # what the format does not say, in a few words
 
     @property
     def num_steps(self) -> int:

@@ -1,9 +1,13 @@
 """Builds parts of a scenario from the columns that the readers of WOMD find."""
 
+from collections.abc import Iterable, Mapping, Sequence
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .. import scenario
 from ..scenario import (
+    LaneLinks,
     Lights,
     LightState,
     MapType,
@@ -12,6 +16,7 @@ from ..scenario import (
     ScenarioError,
 )
 
+MPH, KMH = 0.44704, 1 / 3.6  # metres per second
 POLYGONS = (MapType.CROSSWALK, MapType.SPEED_BUMP, MapType.DRIVEWAY)
 MAX_LIGHT_STEPS = 10**7  # beyond, a damaged record would ask for gigabytes
 
@@ -26,6 +31,19 @@ def zero_unless(
 def wrap_angle(angle: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
     """Returns the angle [rad] in [-pi, pi]; one that lies there stays as it is."""
     return angle - 2 * np.pi * np.round(angle / (2 * np.pi))
+
+
+def step_length(seconds: Sequence[float]) -> float:
+    """Returns the median time from a step to the next, to the millisecond [s].
+
+    Raises:
+        ScenarioError: if the times do not rise.
+    """
+    steps = np.diff(np.array(seconds, np.float64))
+    median = round(float(np.median(steps)), 3) if len(steps) else scenario.DT
+    if not 0 < median < np.inf:
+        raise ScenarioError(f"the times of the steps do not rise: {median} s apart")
+    return median
 
 
 def object_types(codes: Int[np.ndarray, " objects"]) -> Int[np.ndarray, " objects"]:
@@ -137,6 +155,35 @@ def lights(
     latest_first = latest_first[valid[latest_first]]
     place[row[latest_first]] = xyz[latest_first]
     return Lights(lane_id=lanes, xyz=place, state=grid_state, valid=grid_valid)
+
+
+def lane_links(
+    successor: Iterable[tuple[int, int]],
+    neighbor: Iterable[tuple[int, int]],
+    stop: Iterable[tuple[int, int]],
+    limits: Mapping[int, float],
+) -> LaneLinks:
+    """Gathers links of lanes, each once: lanes name one another at both ends.
+
+    Args:
+        successor: from a lane into the next.
+        neighbor: from a lane into one beside it.
+        stop: a stop sign, and a lane that it stops.
+        limits: speed limits by lane [m/s]; those that are not positive, finite numbers
+            are none.
+    """
+    known = {lane: v for lane, v in sorted(limits.items()) if 0 < v < np.inf}
+    return LaneLinks(
+        successor=_pairs(successor),
+        neighbor=_pairs(neighbor),
+        stop=_pairs(stop),
+        limited=np.array(list(known), np.int64),
+        limit=np.array(list(known.values()), np.float64),
+    )
+
+
+def _pairs(links: Iterable[tuple[int, int]]) -> Int[np.ndarray, "links 2"]:
+    return np.array(sorted(set(links)), np.int64).reshape(-1, 2)
 
 
 def no_lights(num_steps: int) -> Lights:

@@ -9,8 +9,14 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
-from ..scenario import LaneLinks, Lights, MapType, Polylines, Scenario, Tracks, check
-from . import routes, synthetic_curve, synthetic_junction, synthetic_traffic as traffic
+from ..scenario import Lights, MapType, Polylines, Scenario, Tracks, check
+from . import (
+    parts,
+    routes,
+    synthetic_curve,
+    synthetic_junction,
+    synthetic_traffic as traffic,
+)
 from .synthetic_roads import Line, Site, rotate
 from .synthetic_tracks import log
 
@@ -82,9 +88,11 @@ def generate(seed: int, config: SyntheticConfig = DEFAULT_CONFIG) -> Scenario:
         ego_source="marked",
         roads=_roads(site, place),
         lights=_lights(site, place),
-        lane_links=LaneLinks(
-            successor=1 + np.array(site.successor, int).reshape(-1, 2),
-            neighbor=1 + np.array(site.neighbor, int).reshape(-1, 2),
+        lane_links=parts.lane_links(
+            successor=[(a + 1, b + 1) for a, b in site.successor],
+            neighbor=[(a + 1, b + 1) for a, b in site.neighbor],
+            stop=[],
+            limits={},
         ),
     )
     return routes.with_paths(check(scenario))

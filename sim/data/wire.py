@@ -24,6 +24,7 @@ from ..scenario import ScenarioError
 
 _SCHEMA = """
 message Scenario
+  repeated double timestamps_seconds = 1
   optional bytes scenario_id = 5
   optional int32 current_time_index = 10
   repeated Track tracks = 2
@@ -69,6 +70,7 @@ message MapFeature
   optional Polygon speed_bump = 9
   optional Polygon driveway = 10
 message LaneCenter
+  optional double speed_limit_mph = 1
   optional int32 type = 2
   repeated bytes polyline = 8
   repeated int64 entry_lanes = 9
@@ -81,6 +83,7 @@ message RoadLine
   optional int32 type = 1
   repeated bytes polyline = 2
 message StopSign
+  repeated int64 lane = 1
   repeated bytes position = 2
 message Polygon
   repeated bytes polygon = 1

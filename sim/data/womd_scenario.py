@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from .. import scenario
 from ..scenario import (
@@ -62,6 +62,7 @@ def convert(record: bytes) -> Scenario:
     return Scenario(
         scenario_id=proto.scenario_id.decode(errors="replace"),
         dataset=_NAME,
+        dt=parts.step_length(proto.timestamps_seconds),
         current_step=proto.current_time_index,
         tracks=tracks,
         ego_index=ego_index,
@@ -167,20 +168,19 @@ def _lights(proto: Any, num_steps: int) -> Lights:
 
 
 def _lane_links(proto: Any) -> LaneLinks:
-    successor, neighbor = [], []
+    successor, neighbor, stop, limits = [], [], [], {}
     for feature in proto.map_features:
+        if feature.HasField("stop_sign"):
+            stop += [(feature.id, lane) for lane in feature.stop_sign.lane]
         if feature.HasField("lane"):
             lane = feature.lane
             successor += [(feature.id, exit_id) for exit_id in lane.exit_lanes]
             successor += [(entry_id, feature.id) for entry_id in lane.entry_lanes]
             for beside in (*lane.left_neighbors, *lane.right_neighbors):
                 neighbor.append((feature.id, beside.feature_id))
-    return LaneLinks(successor=_pairs(successor), neighbor=_pairs(neighbor))
-
-
-def _pairs(links: list[tuple[int, int]]) -> Int[np.ndarray, "links 2"]:
-    """Returns each link once: lanes name one another at both ends."""
-    return np.array(sorted(set(links)), np.int64).reshape(-1, 2)
+            if lane.HasField("speed_limit_mph"):
+                limits[feature.id] = lane.speed_limit_mph * parts.MPH
+    return parts.lane_links(successor, neighbor, stop, limits)
 
 
 def _recognizes(head: bytes) -> bool:

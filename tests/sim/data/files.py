@@ -28,6 +28,7 @@ from drivetrain.sim.scenario import (
 REAL_DATA = pathlib.Path(__file__).resolve().parents[4] / "shared/data"
 NO_REAL_DATA = "the real files of ../shared/data are not here"
 
+METERS_PER_SECOND = {"mph": 0.44704, "kmh": 1 / 3.6}
 POLYGONS = (MapType.CROSSWALK, MapType.SPEED_BUMP, MapType.DRIVEWAY)
 
 
@@ -72,6 +73,9 @@ def scenario(seed: int = 0, num_steps: int = 30) -> Scenario:
         lane_links=LaneLinks(
             successor=np.array([[11, 12], [12, 13], [90, 11]]),
             neighbor=np.array([[11, 13], [13, 11]]),
+            stop=np.array([[18, 11], [18, 12]]),
+            limited=np.array([11, 12]),
+            limit=np.array([25.0, 35.0]) * METERS_PER_SECOND["mph"],
         ),
     )
 

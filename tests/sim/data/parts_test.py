@@ -87,3 +87,13 @@ def test_absurdly_many_lights_ask_for_no_memory() -> None:
             valid=np.ones(num_rows, bool),
             num_steps=num_rows,
         )
+
+
+def test_the_step_is_the_median_one() -> None:
+    assert parts.step_length([0.0, 0.1001, 0.2, 0.2999, 0.9]) == 0.1
+    assert parts.step_length([3.0, 3.5]) == 0.5
+    assert parts.step_length([]) == 0.1
+    with pytest.raises(ScenarioError, match="the times of the steps do not rise"):
+        parts.step_length([1.0, 1.0, 1.0])
+    with pytest.raises(ScenarioError, match="the times of the steps do not rise"):
+        parts.step_length([0.0, np.nan])

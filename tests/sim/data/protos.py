@@ -6,7 +6,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from drivetrain.sim.scenario import Lights, MapType, Scenario, Tracks
-from tests.sim.data.files import POLYGONS, open_run
+from tests.sim.data.files import METERS_PER_SECOND, POLYGONS, open_run
 
 _POLYGON_FIELDS = {MapType.CROSSWALK: 8, MapType.SPEED_BUMP: 9, MapType.DRIVEWAY: 10}
 
@@ -137,7 +137,10 @@ def feature_proto(
     elif kind <= MapType.EDGE_MEDIAN:
         number, content = 5, field(1, kind - 14) + b"".join(field(2, p) for p in points)
     elif kind == MapType.STOP_SIGN:
-        number, content = 7, field(1, 11) + field(2, points[0])
+        assert wanted.lane_links is not None
+        stop = wanted.lane_links.stop
+        lanes = stop[stop[:, 0] == feature_id, 1]
+        number, content = 7, integers(1, lanes, is_packed) + field(2, points[0])
     else:
         number = _POLYGON_FIELDS[MapType(kind)]
         content = b"".join(field(1, point) for point in points)
@@ -152,9 +155,10 @@ def lane_proto(
     links = wanted.lane_links
     beside = links.neighbor[links.neighbor[:, 0] == feature_id, 1]
     left, right = beside[::2], beside[1::2]
+    limit = links.limit[links.limited == feature_id]
     return b"".join(
         [
-            field(1, 25.0),
+            *(field(1, float(v / METERS_PER_SECOND["mph"])) for v in limit),
             field(2, kind),
             *(field(8, point) for point in points),
             integers(

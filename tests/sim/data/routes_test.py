@@ -6,9 +6,8 @@ import pathlib
 import numpy as np
 import pytest
 
-from drivetrain.sim.data import build, routes
+from drivetrain.sim.data import build, parts, routes
 from drivetrain.sim.scenario import (
-    LaneLinks,
     Lights,
     MapType,
     ObjectType,
@@ -50,10 +49,7 @@ def scenario_of(
     yaw = np.arctan2(velocity[..., 1], velocity[..., 0])
     links = None
     if successor is not None or neighbor is not None:
-        links = LaneLinks(
-            successor=np.array(successor or [], int).reshape(-1, 2),
-            neighbor=np.array(neighbor or [], int).reshape(-1, 2),
-        )
+        links = parts.lane_links(successor or [], neighbor or [], [], {})
     return Scenario(
         scenario_id="hand",
         dataset="hand",

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from matplotlib import colors, figure, image
 
+from drivetrain.sim.data import parts
 from drivetrain.sim.scenario import (
-    LaneLinks,
     Lights,
     LightState,
     MapType,
@@ -76,9 +76,7 @@ def scenario() -> Scenario:
             state=np.full((1, NUM_STEPS), int(LightState.STOP)),
             valid=np.ones((1, NUM_STEPS), bool),
         ),
-        lane_links=LaneLinks(
-            successor=np.zeros((0, 2), int), neighbor=np.zeros((0, 2), int)
-        ),
+        lane_links=parts.lane_links([], [], [], {}),
     )
 
 
