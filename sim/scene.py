@@ -106,22 +106,29 @@ class Scene(Record):
 
     def log_at(self, step: Int[Array, ""]) -> Motion:
         """Returns the logged motion of all objects at a step; none is valid outside."""
-        bits, first_row = map(
-            self._objects, (self.bank.valid_bits, self.bank.first_row)
+        bits, is_still, first_row = map(
+            self._objects,
+            (self.bank.valid_bits, self.bank.is_still, self.bank.first_row),
         )
-        return self._log(bits, first_row, step, self.object_mask)
+        return self._log(bits, is_still, first_row, step, self.object_mask)
 
     def log_of(self, number: Int[Array, ""]) -> Motion:
         """Returns the logged motion of one object at all steps of the bank."""
         place = self.bank.first_object[self.index] + number
         steps = jnp.arange(self.bank.sizes.num_steps)
         log = functools.partial(
-            self._log, self.bank.valid_bits[place], self.bank.first_row[place]
+            self._log,
+            self.bank.valid_bits[place],
+            self.bank.is_still[place],
+            self.bank.first_row[place],
         )
         return jax.vmap(log, in_axes=(0, None))(steps, self.object_mask[number])
 
-    def _log(self, bits, first_row, step, exists) -> Motion:
-        """Gathers a step: its row is the number of valid steps before it."""
+    def _log(self, bits, is_still, first_row, step, exists) -> Motion:
+        """Gathers a step: its row is the number of valid steps before it.
+
+        Objects that stand still have one row for all of them.
+        """
         in_log = (step >= 0) & (step < self.num_steps)
         step = jnp.where(in_log, step, 0).astype(jnp.uint32)
         word, bit = step // 32, step % 32
@@ -132,16 +139,19 @@ class Scene(Record):
         rank = jnp.sum(
             jax.lax.population_count(bits & before), axis=-1, dtype=jnp.int32
         )
+        rank = jnp.where(is_still, 0, rank)
         is_set = (jnp.take(bits, word, axis=-1) >> bit) & 1
         return self._rows(first_row + rank, (is_set == 1) & in_log & exists)
 
     def log_end(self) -> Motion:
         """Returns the last valid logged motion of each object."""
-        bits, first_row = map(
-            self._objects, (self.bank.valid_bits, self.bank.first_row)
+        bits, is_still, first_row = map(
+            self._objects,
+            (self.bank.valid_bits, self.bank.is_still, self.bank.first_row),
         )
         count = jnp.sum(jax.lax.population_count(bits), axis=-1, dtype=jnp.int32)
-        return self._rows(first_row + count - 1, (count > 0) & self.object_mask)
+        last = first_row + jnp.where(is_still, 0, count - 1)
+        return self._rows(last, (count > 0) & self.object_mask)
 
     def _rows(self, row, valid) -> Motion:
         row = jnp.where(valid, row, 0)

@@ -14,6 +14,7 @@ from flax import struct
 from jaxtyping import Array, Bool, Float, Int
 
 from ..records import Record
+from . import log_rows
 from .pack import Packed
 
 
@@ -73,6 +74,7 @@ class Bank(Record):
     object_size: Float[Array, "objects 3"]
     goal_feasible: Bool[Array, " objects"]
     valid_bits: Int[Array, "objects words"]
+    is_still: Bool[Array, " objects"]  # has one row, else one for each valid step
     first_row: Int[Array, " objects"]  # of the object in the two tables that follow
     poses: Array  # [rows, 3]
     turns: Array  # [rows, 3]
@@ -160,8 +162,9 @@ def build(scenarios: Sequence[Packed], sizes: Sizes) -> Bank:
         object_size=table("object_size", sizes.num_objects),
         goal_feasible=table("goal_feasible", sizes.num_objects),
         valid_bits=table("valid_bits", sizes.num_objects),
+        is_still=table("is_still", sizes.num_objects),
         first_row=np.append(
-            _starts(np.concatenate([_num_valid(s) for s in kept])),
+            _starts(np.concatenate([_num_rows(s) for s in kept])),
             np.zeros(sizes.num_objects, np.int32),
         ),
         poses=table("poses", 1),
@@ -243,8 +246,8 @@ def _starts(counts: Sequence[int] | np.ndarray) -> np.ndarray:
     return np.concatenate([[0], ends[:-1]]).astype(np.int32)
 
 
-def _num_valid(scenario: Packed) -> np.ndarray:
-    return np.bitwise_count(scenario.valid_bits).sum(axis=1)
+def _num_rows(scenario: Packed) -> np.ndarray:
+    return log_rows.num_rows(scenario.valid_bits, scenario.is_still)
 
 
 def _path_number(scenario: Packed) -> np.ndarray:
@@ -255,7 +258,7 @@ def _path_number(scenario: Packed) -> np.ndarray:
 def _keep_objects(scenario: Packed, sizes: Sizes) -> Packed:
     """Cuts off objects beyond the cap, and pads steps to the bank's number."""
     kept = slice(0, sizes.num_objects)
-    num_rows = int(_num_valid(scenario)[kept].sum())
+    num_rows = int(_num_rows(scenario)[kept].sum())
     words = -(-sizes.num_steps // 32) - scenario.valid_bits.shape[1]
     steps = sizes.num_steps - scenario.num_steps
     return dataclasses.replace(
@@ -265,6 +268,7 @@ def _keep_objects(scenario: Packed, sizes: Sizes) -> Packed:
         object_size=scenario.object_size[kept],
         goal_feasible=scenario.goal_feasible[kept],
         valid_bits=np.pad(scenario.valid_bits[kept], [(0, 0), (0, words)]),
+        is_still=scenario.is_still[kept],
         poses=scenario.poses[:num_rows],
         turns=scenario.turns[:num_rows],
         light_state=np.pad(scenario.light_state, [(0, 0), (0, steps)]),

@@ -20,7 +20,7 @@ from ..scenario import (
     ScenarioError,
     Tracks,
 )
-from . import edge_index, edge_sides, routes, tiles
+from . import edge_index, edge_sides, log_rows, routes, tiles
 from .feasibility import goal_feasible
 from .lights import lane_directions, seen_lights
 from .simplify import kept_points
@@ -75,8 +75,9 @@ class Packed:
     object_size: Float[np.ndarray, "objects 3"]
     goal_feasible: Bool[np.ndarray, " objects"]  # the log crosses no road edge
     valid_bits: Integer[np.ndarray, "objects words"]  # bit t % 32 of word t // 32
-    poses: np.ndarray  # [valid object-steps, 3], object after object
-    turns: np.ndarray  # [valid object-steps, 3]: yaw and velocity
+    is_still: Bool[np.ndarray, " objects"]  # the log has one row for all valid steps
+    poses: np.ndarray  # [rows, 3], object after object, else a row for each valid step
+    turns: np.ndarray  # [rows, 3]: yaw and velocity
     vertices: np.ndarray  # [vertices, 3], first road edges, then stop signs
     vertex_tag: Integer[np.ndarray, " vertices"]  # map type, plus JOINED
     edge_normal: np.ndarray  # [edge vertices]: direction towards the road
@@ -132,6 +133,13 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
             f"{len(edges):,} vertices of road edges, at most "
             f"{edge_index.MAX_VERTICES:,} fit; cut the map"
         )
+    counts = valid.sum(axis=1)
+    poses = scale.encode(tracks.xyz[order][valid])
+    turns = _encode_turns(
+        tracks.yaw[order][valid], tracks.velocity[order][valid], config.quantize
+    )
+    is_still = log_rows.still_objects(np.concatenate([poses, turns], axis=1), counts)
+    rows = log_rows.kept_rows(is_still, counts)
     index = edge_index.build(edges, joined)
     tiling = tiles.build(scale.decode(vertices) - origin, tag >= JOINED)
     path_vertices, path_offset = _paths(paths, scale, config)
@@ -160,11 +168,10 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
             edges,
             joined,
         ),
-        valid_bits=_bits(valid),
-        poses=scale.encode(tracks.xyz[order][valid]),
-        turns=_encode_turns(
-            tracks.yaw[order][valid], tracks.velocity[order][valid], config.quantize
-        ),
+        valid_bits=log_rows.valid_bits(valid),
+        is_still=is_still,
+        poses=poses[rows],
+        turns=turns[rows],
         vertices=vertices,
         vertex_tag=tag,
         num_stop_signs=int(np.sum(tag & (JOINED - 1) == MapType.STOP_SIGN)),
@@ -241,13 +248,6 @@ def _object_order(tracks: Tracks, ego_index: int):
     distance[ego_index] = -2
     order = np.argsort(distance, kind="stable")
     return order[tracks.valid[order].any(axis=1)]
-
-
-def _bits(valid) -> Integer[np.ndarray, "objects words"]:
-    num_objects, num_steps = valid.shape
-    padded = np.zeros((num_objects, -(-num_steps // 32) * 32), bool)
-    padded[:, :num_steps] = valid
-    return np.packbits(padded, axis=1, bitorder="little").view("<u4")
 
 
 def _encode_yaw(yaw, quantize: bool):

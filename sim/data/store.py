@@ -22,7 +22,7 @@ from array_record.python import array_record_module  # pyright: ignore
 from .. import files
 from .pack import Packed
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 MANIFEST = "manifest.json"
 WRITER_OPTIONS = "group_size:1,zstd:3"
 _DTYPES = "bool float32 float64 int8 int16 int32 int64 uint8 uint16 uint32".split()

@@ -39,9 +39,11 @@ from tests.sim.env.multi_agent_test import (
 def permuted(packed: Packed, order: np.ndarray) -> Packed:
     """Returns the scenario with its objects in another order."""
     counts = np.bitwise_count(packed.valid_bits).sum(axis=1, dtype=int)
+    counts = np.where(packed.is_still, 1, counts)
     ends = np.cumsum(counts)
     rows = np.concatenate([np.arange(ends[i] - counts[i], ends[i]) for i in order])
     tables = ("object_id", "object_type", "object_size", "goal_feasible", "valid_bits")
+    tables += ("is_still",)
     return dataclasses.replace(
         packed,
         poses=packed.poses[rows],

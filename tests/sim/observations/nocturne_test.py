@@ -91,7 +91,7 @@ def test_permuting_objects_changes_nothing_but_their_numbers() -> None:
     bank, first = scene.bank, int(scene.bank.first_object[scene.index])
     rows = np.arange(len(bank.object_type))
     rows[first : first + len(order)] = first + order
-    columns = ("object_type", "object_size", "valid_bits", "first_row")
+    columns = ("object_type", "object_size", "valid_bits", "is_still", "first_row")
     shuffled = {name: getattr(bank, name)[rows] for name in columns}
     other = scene.replace(bank=bank.replace(**shuffled))
     for number in np.flatnonzero(motion.valid)[:4]:
