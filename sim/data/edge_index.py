@@ -25,6 +25,7 @@ FAR = 25.0  # cells all of whose points are farther from the edges [m] are not s
 HEIGHT_BELOW = 1.0  # metres under the lowest candidate edge of a cell, and
 HEIGHT_ABOVE = 3.0  # metres over the highest, between which the answer is exact
 HEIGHT_WEIGHT = 2.0  # height counts double in the nearest search (W 3.4)
+_NOWHERE = 1e9  # metres
 _COUNT_BITS = 4  # a leaf is (first << 4 | count), a split cell is -(first child)
 
 
@@ -136,51 +137,69 @@ class _Leaves:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class _Blocks:
-    """Blocks of segments, with their heights stretched by `HEIGHT_WEIGHT`."""
+    """Blocks of segments, with their heights stretched by `HEIGHT_WEIGHT`.
 
-    start: Float[np.ndarray, "blocks block 3"]
-    along: Float[np.ndarray, "blocks block 3"]
-    exists: Bool[np.ndarray, "blocks block"]
+    Axes and segments come first: NumPy is several times faster at long rows. Where a
+    block has fewer segments, points far away fill it.
+    """
+
+    start: Float[np.ndarray, "3 block blocks"]
+    along: Float[np.ndarray, "3 block blocks"]
+    inverse_squared: Float[np.ndarray, "block blocks"]  # of the length; 0 for points
     heights: Float[np.ndarray, "blocks 2"]  # least and greatest [m]
 
     @classmethod
     def of(cls, vertices, joined):
-        segment = np.arange(-(-len(vertices) // BLOCK) * BLOCK).reshape(-1, BLOCK)
+        segment = np.arange(-(-len(vertices) // BLOCK) * BLOCK).reshape(-1, BLOCK).T
         here, there = (np.minimum(segment + i, len(vertices) - 1) for i in (0, 1))
-        stretched = vertices * np.array([1.0, 1.0, HEIGHT_WEIGHT])
-        start = stretched[here]
         exists = joined[here] & (segment < len(vertices))
+        stretched = (vertices * [1.0, 1.0, HEIGHT_WEIGHT]).T
+        start = np.where(exists, stretched[:, here], _NOWHERE)
+        along = np.where(exists, stretched[:, there] - stretched[:, here], 0.0)
         ends = np.stack([vertices[here, 2], vertices[there, 2]])
-        low = np.where(exists, ends.min(axis=0), np.inf).min(axis=1)
-        high = np.where(exists, ends.max(axis=0), -np.inf).max(axis=1)
-        return cls(
-            start, stretched[there] - start, exists, np.stack([low, high], axis=1)
-        )
+        low = np.where(exists, ends.min(axis=0), np.inf).min(axis=0)
+        high = np.where(exists, ends.max(axis=0), -np.inf).max(axis=0)
+        return cls(start, along, _inverse(along), np.stack([low, high], axis=1))
+
+    def flat(self):
+        """Returns the blocks as seen from above."""
+        plane = np.array([1.0, 1.0, 0.0])[:, None, None]
+        start, along = self.start * plane, self.along * plane
+        return _Blocks(start, along, _inverse(along), self.heights)
 
     def distance(self, point, block):
-        """Returns the distance of each point to its block, over the last axis."""
-        start, along = self.start[block], self.along[block]
-        squared = np.einsum("...c,...c->...", along, along)
-        offset = point[..., None, :] - start
-        share = np.einsum("...c,...c->...", offset, along)
-        share = np.clip(share / np.where(squared > 0, squared, 1.0), 0, 1)
-        offset -= share[..., None] * along
-        distance = np.sqrt(np.einsum("...c,...c->...", offset, offset))
-        return np.where(self.exists[block], distance, np.inf).min(axis=-1)
+        """Returns the distance of each point to its block.
+
+        Args:
+            point: x, y and stretched height, each an array that broadcasts with
+                `block`.
+            block: numbers of blocks.
+        """
+        least = np.inf
+        for segment in range(BLOCK):
+            along = [axis[segment][block] for axis in self.along]
+            offset = [
+                p - axis[segment][block]
+                for p, axis in zip(point, self.start, strict=True)
+            ]
+            share = offset[0] * along[0] + offset[1] * along[1] + offset[2] * along[2]
+            share *= self.inverse_squared[segment][block]
+            np.clip(share, 0.0, 1.0, out=share)
+            x, y, z = (o - share * a for o, a in zip(offset, along, strict=True))
+            least = np.minimum(least, x * x + y * y + z * z)
+        return np.sqrt(least)
 
     def start_pairs(self, centre, size):
         """Returns the pairs of root cell and block that planar distances allow."""
-        flat = dataclasses.replace(
-            self, start=self.start * [1, 1, 0], along=self.along * [1, 1, 0]
-        )
-        point = np.concatenate([centre, np.zeros((len(centre), 1))], axis=1)
-        relief = np.ptp(self.heights[self.exists.any(axis=1)])
+        flat = self.flat()
+        point = np.array([*centre.T, np.zeros(len(centre))])[..., None]
+        relief = np.ptp(self.heights[np.isfinite(self.heights)])
         slack = (HEIGHT_WEIGHT * (relief + HEIGHT_ABOVE)) ** 2 if relief > 0 else 0.0
-        block = np.arange(len(self.exists))
+        block = np.arange(len(self.heights))
         pairs = []
         rows = max(1, PAIRS_AT_ONCE // len(block))
         for first in range(0, len(point), rows):
-            distance = flat.distance(point[first : first + rows, None], block)
+            distance = flat.distance(point[:, first : first + rows], block)
             nearest = distance.min(axis=1, keepdims=True)
             cell, near = np.nonzero(distance <= _reach(nearest, size, slack))
             pairs.append((first + cell, near))
@@ -207,10 +226,10 @@ class _Blocks:
         least = np.full(len(cell), np.inf)
         for layer in range(int(num_layers.max())):
             height = HEIGHT_WEIGHT * (low - HEIGHT_BELOW + (layer + 0.5) * step)
-            point = np.concatenate([centre, height[:, None]], axis=1)
+            point = np.array([*centre.T, height])
             active = np.flatnonzero((layer < num_layers)[cell])
             here = cell[active]
-            distance = self.distance(point[here], block[active])
+            distance = self.distance(point[:, here], block[active])
             starts = np.flatnonzero(np.diff(here, prepend=-1))
             nearest = np.minimum.reduceat(distance, starts)
             reach = _reach(nearest, size, 4 * (step * spread)[here[starts]])
@@ -218,6 +237,12 @@ class _Blocks:
             possible[active] |= near
             least[active] = np.minimum(least[active], distance)
         return cell[possible], block[possible], least[possible]
+
+
+def _inverse(along):
+    """Returns one over the squared length, zero for none."""
+    squared = (along**2).sum(axis=0)
+    return np.where(squared > 0, 1 / np.where(squared > 0, squared, 1.0), 0.0)
 
 
 def _reach(nearest, size, squared_slack):
