@@ -78,9 +78,10 @@ def build(
         first = np.searchsorted(cell, np.arange(len(centre) + 1))
         far = np.minimum.reduceat(distance, first[:-1]) > FAR + size / np.sqrt(2)
         split = (np.diff(first) > MAX_BLOCKS) & ~far & (level < NUM_LEVELS - 1)
-        for leaf in np.flatnonzero(~split):
-            here = slice(first[leaf], first[leaf + 1])
-            leaves.add(node[leaf], block[here], distance[here], not far[leaf])
+        rank = _ranks(cell, distance, first)
+        listed = ~split[cell] & (rank < MAX_BLOCKS)
+        leaves.num_dropped += int((~split[cell] & ~listed & ~far[cell]).sum())
+        leaves.add(node, ~split, cell[listed], block[listed])
         parents = np.flatnonzero(split)
         if not len(parents):
             break
@@ -88,13 +89,22 @@ def build(
         quadrants = np.array([[-1, -1], [1, -1], [-1, 1], [1, 1]]) * size / 4
         centre = (centre[parents, None] + quadrants).reshape(-1, 2)
         cell, block = _hand_down(cell, block, split)
+    nodes, blocks = leaves.arrays()
     return EdgeIndex(
         corner=corner,
         shape=shape,
-        nodes=np.array(leaves.nodes, np.int32),
-        blocks=np.concatenate(leaves.lists).astype(np.int32),
+        nodes=nodes,
+        blocks=blocks,
         num_dropped=leaves.num_dropped,
     )
+
+
+def _ranks(cell, distance, first):
+    """Returns the place of each pair among those of its cell, the nearest first."""
+    order = np.lexsort([distance, cell])
+    ranks = np.empty(len(cell), np.int64)
+    ranks[order] = np.arange(len(cell)) - first[cell]
+    return ranks
 
 
 def _hand_down(cell, block, split):
@@ -110,29 +120,37 @@ class _Leaves:
     """Collects the nodes of the tree; leaves with equal lists share one."""
 
     def __init__(self, num_roots: int):
-        self.nodes = [0] * num_roots
-        self.lists: list[np.ndarray] = []
         self.num_dropped = 0
-        self._first: dict[bytes, int] = {}
-        self._num_listed = 0
+        self._nodes = np.zeros(num_roots, np.int32)
+        self._leaves: list[np.ndarray] = []
+        self._lists: list[np.ndarray] = []  # [leaves, MAX_BLOCKS], filled up with -1
 
-    def add(self, node, blocks, distance, count_dropped) -> None:
-        if len(blocks) > MAX_BLOCKS:
-            nearest = np.argsort(distance, kind="stable")[:MAX_BLOCKS]
-            self.num_dropped += (len(blocks) - MAX_BLOCKS) * bool(count_dropped)
-            blocks = np.sort(blocks[nearest])
-        first = self._first.setdefault(blocks.tobytes(), self._num_listed)
-        if first == self._num_listed:
-            self.lists.append(blocks)
-            self._num_listed += len(blocks)
-        self.nodes[node] = first << _COUNT_BITS | len(blocks)
+    def add(self, node, is_leaf, cell, block) -> None:
+        """Lists blocks of those cells that are leaves; pairs are sorted by cell."""
+        counts = np.bincount(cell, minlength=len(node))
+        place = np.arange(len(cell)) - np.repeat(np.cumsum(counts) - counts, counts)
+        lists = np.full((len(node), MAX_BLOCKS), -1)
+        lists[cell, place] = block
+        self._leaves.append(node[is_leaf])
+        self._lists.append(lists[is_leaf])
 
     def split(self, parents):
-        children = len(self.nodes) + np.arange(4 * len(parents))
-        for parent, child in zip(parents, children[::4], strict=True):
-            self.nodes[parent] = -child
-        self.nodes.extend([0] * len(children))
+        """Makes four children of each node and returns their numbers."""
+        children = len(self._nodes) + np.arange(4 * len(parents))
+        self._nodes = np.append(self._nodes, np.zeros(len(children), np.int32))
+        self._nodes[parents] = -children[::4]
         return children
+
+    def arrays(self):
+        """Returns the nodes and the lists of blocks."""
+        lists, number = np.unique(
+            np.concatenate(self._lists), axis=0, return_inverse=True
+        )
+        counts = (lists >= 0).sum(axis=1)
+        leaf = (np.cumsum(counts) - counts) << _COUNT_BITS | counts
+        nodes = self._nodes.copy()
+        nodes[np.concatenate(self._leaves)] = leaf[number]
+        return nodes, lists[lists >= 0].astype(np.int32)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
