@@ -151,6 +151,8 @@ class Paths:
 
     xyz: Float[np.ndarray, "points 3"]
     offset: Int[np.ndarray, " paths_plus_1"]
+    speed_limit: Float[np.ndarray, " points"]  # metres per second, where it is limited
+    is_limited: Bool[np.ndarray, " points"]  # the format tells a limit
     on_route: Bool[np.ndarray, " paths"]  # follows the road that the log took
     source: str  # path_samples, lane_graph, lane_ends or log
 

@@ -16,53 +16,7 @@ from .data.bank import Bank
 from .data.parts import POLYGONS
 from .motion import Motion
 from .records import Record
-
-
-class Lights(Record):
-    """The traffic lights of a scenario at one step."""
-
-    xyz: Float[Array, "lights 3"]  # stop points [m]
-    state: Int[Array, " lights"]  # LightState
-    yaw: Float[Array, " lights"]  # of the lane at the stop point; zero without lane
-    has_lane: Bool[Array, " lights"]  # whether the lane is in the map
-    valid: Bool[Array, " lights"]
-
-
-class Segments(Record):
-    """Pieces of map features: a straight piece, or a point where both ends agree."""
-
-    start: Float[Array, "segments 3"]  # metres
-    end: Float[Array, "segments 3"]  # metres
-    map_type: Int[Array, " segments"]  # MapType
-    valid: Bool[Array, " segments"]
-
-
-class Points(Record):
-    """Points of map features, each with the one that follows it in its feature."""
-
-    xyz: Float[Array, "points 3"]  # metres
-    next_xyz: Float[Array, "points 3"]  # metres; of the last point, itself
-    map_type: Int[Array, " points"]  # MapType
-    valid: Bool[Array, " points"]
-
-
-class PathSegments(Record):
-    """Pieces of the ways that the ego could take."""
-
-    start: Float[Array, "segments 2"]  # metres
-    end: Float[Array, "segments 2"]  # metres
-    arc: Float[Array, " segments"]  # of the start, along its path [m]
-    path: Int[Array, " segments"]
-    on_route: Bool[Array, " segments"]
-    log_arc: Float[Array, "segments 2"]  # of the log's first and last position [m]
-    valid: Bool[Array, " segments"]
-
-
-class Edge(Record):
-    """The nearest road edge of a point."""
-
-    signed_distance: Float[Array, ""]  # metres, positive off the road
-    valid: Bool[Array, ""]  # False if the scenario has no road edge
+from .scene_records import Edge, Lights, PathSegments, Points, Segments, StopSigns
 
 
 class Scene(Record):
@@ -204,13 +158,22 @@ class Scene(Record):
             valid=exists & (joined | ~ended),
         )
 
-    def stop_signs(self) -> tuple[Float[Array, "signs 3"], Bool[Array, " signs"]]:
-        """Returns the places of the stop signs [m], and which of them exist."""
-        bank, index = self.bank, self.index
-        first = bank.first_vertex[index] + bank.num_edge_vertices[index]
-        count = bank.sizes.num_stop_signs
-        stored = jax.lax.dynamic_slice_in_dim(bank.vertices, first, count)
-        return self._metres(stored), jnp.arange(count) < bank.num_stop_signs[index]
+    def stop_signs(self) -> StopSigns:
+        """Returns the stop signs."""
+        bank, index, count = self.bank, self.index, self.bank.sizes.num_stop_signs
+        vertex = bank.first_vertex[index] + bank.num_edge_vertices[index]
+        sign = bank.first_stop_sign[index]
+        stored = jax.lax.dynamic_slice_in_dim(bank.vertices, vertex, count)
+        yaw = jax.lax.dynamic_slice_in_dim(bank.stop_yaw, sign, count)
+        has_lane = jax.lax.dynamic_slice_in_dim(bank.stop_has_lane, sign, count)
+        valid = jnp.arange(count) < bank.num_stop_signs[index]
+        has_lane &= valid
+        return StopSigns(
+            xyz=jnp.where(valid[:, None], self._metres(stored), 0.0),
+            yaw=jnp.where(has_lane, self._radians(yaw), 0.0),
+            has_lane=has_lane,
+            valid=valid,
+        )
 
     def nearest_pieces(
         self, xy: Float[Array, " 2"], count: int, radius: float, by_segment: bool
@@ -332,11 +295,14 @@ class Scene(Record):
         has_next = jnp.arange(count) + 1 < bank.num_path_vertices[index]
         valid = has_next & (number == jnp.roll(number, -1))
         path = bank.first_path[index] + jnp.where(valid, number, 0)
+        limit = jnp.where(valid, cut(bank.path_limit), 0)
         return PathSegments(
             start=xy,
             end=jnp.where(valid[:, None], jnp.roll(xy, -1, axis=0), xy),
             arc=cut(bank.path_arc),
             path=number,
+            speed_limit=limit * jnp.float32(pack.LIMIT_QUANTUM),
+            is_limited=limit > 0,
             on_route=bank.path_on_route[path] & valid,
             log_arc=bank.path_log_arc[path],
             valid=valid,

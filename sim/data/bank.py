@@ -86,7 +86,10 @@ class Bank(Record):
     first_edge: Int[Array, " scenarios"]
     num_edge_vertices: Int[Array, " scenarios"]
     edge_normal: Array  # [edge vertices]
+    first_stop_sign: Int[Array, " scenarios"]
     num_stop_signs: Int[Array, " scenarios"]
+    stop_yaw: Array  # [stop signs]
+    stop_has_lane: Bool[Array, " stop_signs"]
     index_corner: Float[Array, "scenarios 2"]
     index_shape: Int[Array, "scenarios 2"]
     first_node: Int[Array, " scenarios"]
@@ -111,6 +114,7 @@ class Bank(Record):
     num_path_vertices: Int[Array, " scenarios"]
     path_vertices: Array  # [path vertices, 2]
     path_arc: Float[Array, " path_vertices"]
+    path_limit: Int[Array, " path_vertices"]
     path_number: Int[Array, " path_vertices"]  # within the scenario
     first_path: Int[Array, " scenarios"]
     path_on_route: Bool[Array, " paths"]
@@ -175,7 +179,10 @@ def build(scenarios: Sequence[Packed], sizes: Sizes) -> Bank:
         vertex_tag=table("vertex_tag", sizes.num_vertices),
         first_edge=first("edge_normal"),
         num_edge_vertices=count("edge_normal"),
-        num_stop_signs=np.array([s.num_stop_signs for s in kept], np.int32),
+        first_stop_sign=first("stop_yaw"),
+        num_stop_signs=count("stop_yaw"),
+        stop_yaw=table("stop_yaw", sizes.num_stop_signs),
+        stop_has_lane=table("stop_has_lane", sizes.num_stop_signs),
         edge_normal=table("edge_normal", sizes.num_vertices),
         index_corner=np.stack([s.index_corner for s in kept]),
         index_shape=np.stack([s.index_shape for s in kept]),
@@ -199,6 +206,7 @@ def build(scenarios: Sequence[Packed], sizes: Sizes) -> Bank:
         num_path_vertices=count("path_vertices"),
         path_vertices=table("path_vertices", sizes.num_path_vertices),
         path_arc=table("path_arc", sizes.num_path_vertices),
+        path_limit=table("path_limit", sizes.num_path_vertices),
         path_number=np.concatenate(
             [*map(_path_number, kept), np.zeros(sizes.num_path_vertices, np.int16)]
         ),

@@ -18,6 +18,7 @@ class LaneGraph:
 
     xyz: Float[np.ndarray, "points 3"]
     station: Float[np.ndarray, " points"]  # metres, differences hold within a lane
+    limit: Float[np.ndarray, " points"]  # speed limit [m/s], 0 where none is known
     first: list[int]
     last: list[int]
     successors: dict[int, list[int]]
@@ -37,6 +38,7 @@ def lane_graph(roads: Polylines, links: LaneLinks | None) -> LaneGraph:
     last = np.cumsum(counts[is_lane]) - 1
     first = last - counts[is_lane] + 1
 
+    limit = np.zeros(len(first))
     if links is None:
         pairs, neighbors = _joined_ends(xyz, first, last), {}
     else:
@@ -51,9 +53,13 @@ def lane_graph(roads: Polylines, links: LaneLinks | None) -> LaneGraph:
             for a, b in links.neighbor.tolist()
             if a in lane_of and b in lane_of
         )
+        for name, value in zip(links.limited.tolist(), links.limit, strict=True):
+            if name in lane_of:
+                limit[lane_of[name]] = value
     return LaneGraph(
         xyz=xyz,
         station=stations(xyz),
+        limit=np.repeat(limit, last - first + 1),
         first=first.tolist(),
         last=last.tolist(),
         successors=_grouped(pairs),

@@ -22,13 +22,15 @@ from ..scenario import (
 )
 from . import edge_index, edge_sides, log_rows, routes, tiles
 from .feasibility import goal_feasible
-from .lights import lane_directions, seen_lights
+from .lane_directions import lane_directions, stop_sign_directions
+from .parts import seen_lights
 from .simplify import kept_points
 
 JOINED = 32  # added to the map type of a vertex from which a segment leads on
 LIGHT_VALID = 16  # added to the state of a light that was seen
 QUANTUM = 0.01  # metres, and metres per second
 YAW_QUANTUM = 2 * np.pi / 2**16  # radians
+LIMIT_QUANTUM = 0.25  # metres per second, of speed limits
 _MAX_INT16 = 2**15 - 1
 
 
@@ -82,6 +84,8 @@ class Packed:
     vertex_tag: Integer[np.ndarray, " vertices"]  # map type, plus JOINED
     edge_normal: np.ndarray  # [edge vertices]: direction towards the road
     num_stop_signs: int  # whose vertices follow those of the edges
+    stop_yaw: np.ndarray  # [stop signs]: direction of the lane that it stops
+    stop_has_lane: Bool[np.ndarray, " stop_signs"]  # whether the map tells it
     index_corner: Float[np.ndarray, " 2"]
     index_shape: Integer[np.ndarray, " 2"]
     index_nodes: Integer[np.ndarray, " nodes"]
@@ -98,6 +102,7 @@ class Packed:
     light_has_lane: Bool[np.ndarray, " lights"]  # whether the map has the lane
     path_vertices: np.ndarray  # [path vertices, 2]
     path_arc: Float[np.ndarray, " path_vertices"]  # along the path [m]
+    path_limit: Integer[np.ndarray, " path_vertices"]  # speed limit ahead, 0 for none
     path_offset: Integer[np.ndarray, " paths_plus_1"]
     path_on_route: Bool[np.ndarray, " paths"]
     path_log_arc: Float[np.ndarray, "paths 2"]  # of the first and last logged position
@@ -118,7 +123,10 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
     paths = routes.paths_of(scenario)
     tracks, origin = scenario.tracks, scenario.origin
     lights = seen_lights(scenario.lights)
-    light_yaw, light_has_lane = lane_directions(lights, scenario.roads)
+    light_yaw, light_has_lane = lane_directions(
+        lights.lane_id, lights.xyz, scenario.roads
+    )
+    stop_yaw, stop_has_lane = stop_sign_directions(scenario.roads, scenario.lane_links)
     order = _object_order(tracks, scenario.ego_index)
     valid = tracks.valid[order]
     centre, quantum = _coordinates(scenario, lights, paths, config.quantize)
@@ -142,7 +150,7 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
     rows = log_rows.kept_rows(is_still, counts)
     index = edge_index.build(edges, joined)
     tiling = tiles.build(scale.decode(vertices) - origin, tag >= JOINED)
-    path_vertices, path_offset = _paths(paths, scale, config)
+    path_vertices, path_offset, path_limit = _paths(paths, scale, config)
     arc, log_arc = _arc_lengths(
         scale.decode(path_vertices), path_offset, _logged_ends(scenario)
     )
@@ -174,7 +182,9 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
         turns=turns[rows],
         vertices=vertices,
         vertex_tag=tag,
-        num_stop_signs=int(np.sum(tag & (JOINED - 1) == MapType.STOP_SIGN)),
+        num_stop_signs=len(stop_yaw),
+        stop_yaw=_encode_yaw(stop_yaw, config.quantize),
+        stop_has_lane=stop_has_lane,
         edge_normal=_encode_yaw(edge_sides.normals(edges, joined), config.quantize),
         index_corner=index.corner.astype(np.float32),
         index_shape=index.shape,
@@ -192,6 +202,7 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
         light_has_lane=light_has_lane,
         path_vertices=path_vertices[:, :2],
         path_arc=arc.astype(np.float32),
+        path_limit=path_limit,
         path_offset=path_offset.astype(np.int32),
         path_on_route=paths.on_route,
         path_log_arc=log_arc.astype(np.float32),
@@ -295,11 +306,14 @@ def _same(stored):
 
 def _paths(paths: Paths, scale: _Scale, config: PackConfig):
     stored = scale.encode(paths.xyz)
+    limit = np.where(paths.is_limited, paths.speed_limit / LIMIT_QUANTUM, 0.0)
+    limit = np.clip(np.round(limit), paths.is_limited, 255).astype(np.uint8)
     if not config.quantize:
-        return stored, paths.offset
-    kept = kept_points(paths.xyz, paths.offset, config.simplify)
+        return stored, paths.offset, limit
+    changes = np.diff(limit, prepend=limit[:1]) != 0
+    kept = kept_points(paths.xyz, paths.offset, config.simplify, always=changes)
     before = np.concatenate([[0], np.cumsum(kept)])
-    return stored[kept], before[paths.offset]
+    return stored[kept], before[paths.offset], limit[kept]
 
 
 def _logged_ends(scenario: Scenario) -> Float[np.ndarray, "2 2"]:

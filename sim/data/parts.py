@@ -81,6 +81,8 @@ def polylines(
 ) -> Polylines:
     """Splits points into features, and closes polygons that are open.
 
+    Of a sign the first point counts.
+
     Args:
         xyz: points of all features, one feature after the other.
         num_points: of each feature; features without points are left out.
@@ -90,6 +92,12 @@ def polylines(
     Returns:
         The features.
     """
+    is_sign = map_type == MapType.STOP_SIGN
+    place = np.arange(len(xyz)) - np.repeat(
+        np.cumsum(num_points) - num_points, num_points
+    )
+    xyz = xyz[(place == 0) | ~np.repeat(is_sign, num_points)]
+    num_points = np.where(is_sign, np.minimum(num_points, 1), num_points)
     kept = num_points > 0
     num_points, map_type = num_points[kept], map_type[kept]
     end = np.cumsum(num_points)
@@ -184,6 +192,17 @@ def lane_links(
 
 def _pairs(links: Iterable[tuple[int, int]]) -> Int[np.ndarray, "links 2"]:
     return np.array(sorted(set(links)), np.int64).reshape(-1, 2)
+
+
+def seen_lights(lights: Lights) -> Lights:
+    """Leaves out lights that were never seen: they have no place."""
+    seen = lights.valid.any(axis=1)
+    return Lights(
+        lane_id=lights.lane_id[seen],
+        xyz=lights.xyz[seen],
+        state=lights.state[seen],
+        valid=lights.valid[seen],
+    )
 
 
 def no_lights(num_steps: int) -> Lights:

@@ -81,16 +81,21 @@ def paths_of(scenario: Scenario) -> Paths:
     found = _distinct([_path(graph, pieces, logged[0], length) for pieces in ways])
     on_route = _on_route(found, _resample(track, LOG_SPACING), logged[-1], yaw[-1])
     if not on_route.any():
-        found = [_resample(track_on, SPACING), *found][:MAX_PATHS]
+        of_log = _resample(track_on, SPACING)
+        of_log = np.concatenate([of_log, np.zeros((len(of_log), 1))], axis=1)
+        found = [of_log, *found][:MAX_PATHS]
         on_route = np.arange(len(found)) == 0
     if not starts:
         source = "log"
     else:
         source = "lane_ends" if scenario.lane_links is None else "lane_graph"
-    miss = [np.linalg.norm(path - logged[-1], axis=1).min() for path in found]
+    miss = [np.linalg.norm(path[:, :3] - logged[-1], axis=1).min() for path in found]
     order = np.lexsort((miss, ~on_route))
+    points = np.concatenate([found[i] for i in order])
     return Paths(
-        xyz=np.concatenate([found[i] for i in order]),
+        xyz=points[:, :3],
+        speed_limit=points[:, 3],
+        is_limited=points[:, 3] > 0,
         offset=np.cumsum([0, *(len(found[i]) for i in order)]),
         on_route=on_route[order],
         source=source,
@@ -208,19 +213,27 @@ def _path(
     pieces: tuple[tuple[int, int], ...],
     position: Float[np.ndarray, " 3"],
     length: float,
-) -> Float[np.ndarray, "points 3"]:
-    """Returns the points of a way, prolonged back to `position` if it begins ahead."""
-    xyz = np.concatenate([graph.xyz[first : last + 1] for first, last in pieces])
+) -> Float[np.ndarray, "points 4"]:
+    """Returns the points of a way, prolonged back to `position` if it begins ahead.
+
+    The fourth column is the speed limit there [m/s], 0 where none is known.
+    """
+    runs = [np.arange(first, last + 1) for first, last in pieces]
+    points = np.concatenate(runs)
+    xyz, limit = graph.xyz[points], graph.limit[points]
     edge = xyz[min(1, len(xyz) - 1)] - xyz[0]
     along = (position - xyz[0])[:2] @ edge[:2] / max(edge[:2] @ edge[:2], 1e-9)
     if along < 0:
         xyz = np.concatenate([xyz[:1] + along * edge, xyz])
-    return _resample(xyz, SPACING, length)
+        limit = np.concatenate([limit[:1], limit])
+    samples = _resample(xyz, SPACING, length)
+    at = np.searchsorted(stations(xyz), SPACING * np.arange(len(samples)), "right") - 1
+    return np.concatenate([samples, limit[at, None]], axis=1)
 
 
 def _distinct(
-    paths: list[Float[np.ndarray, "_ 3"]],
-) -> list[Float[np.ndarray, "_ 3"]]:
+    paths: list[Float[np.ndarray, "_ 4"]],
+) -> list[Float[np.ndarray, "_ 4"]]:
     """Drops the paths that equal another or its beginning, to a centimetre."""
     texts = [np.round(path, 2).tobytes() for path in paths]
     return [
@@ -235,7 +248,7 @@ def _distinct(
 
 
 def _on_route(
-    paths: list[Float[np.ndarray, "_ 3"]],
+    paths: list[Float[np.ndarray, "_ 4"]],
     log: Float[np.ndarray, "steps 3"],
     end: Float[np.ndarray, " 3"],
     yaw: float,

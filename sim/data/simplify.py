@@ -9,6 +9,7 @@ def kept_points(
     offset: Int[np.ndarray, " features_plus_1"],
     tolerance: float,
     longest: float = np.inf,
+    always: Bool[np.ndarray, " points"] | bool = False,
 ) -> Bool[np.ndarray, " points"]:
     """Marks the points that the simplified polylines keep.
 
@@ -22,11 +23,12 @@ def kept_points(
         tolerance: the greatest distance from a dropped point to its chord [m].
         longest: a point is kept at least this often along a polyline [m], as far as
             it has points.
+        always: points to keep whatever their place.
 
     Returns:
         True for kept points; the ends of each polyline always are.
     """
-    kept = np.zeros(len(xyz), bool)
+    kept = np.zeros(len(xyz), bool) | always
     kept[offset[:-1]] = True
     kept[offset[1:] - 1] = True
     arc = np.cumsum(np.linalg.norm(np.diff(xyz, axis=0, prepend=xyz[:1]), axis=1))

@@ -227,6 +227,8 @@ def _paths(features: _Features) -> Paths | None:
     return Paths(
         xyz=xyz[valid],
         offset=np.concatenate([[0], np.cumsum(valid[kept].sum(axis=1))]),
+        speed_limit=np.zeros(valid.sum()),
+        is_limited=np.zeros(valid.sum(), bool),
         on_route=on_route[kept],
         source="path_samples",
     )

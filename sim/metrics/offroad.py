@@ -4,7 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from .. import geometry
-from ..scene import Edge
+from ..scene_records import Edge
 from .base import Measure, Metric, Moment
 
 

@@ -5,7 +5,7 @@ from jaxtyping import Array, Float, Int
 
 from .. import geometry
 from ..records import Record
-from ..scene import PathSegments
+from ..scene_records import PathSegments
 from .base import Measure, Metric, Moment
 
 OFF_ROUTE_DISTANCE = 5.0  # metres from every on-route path

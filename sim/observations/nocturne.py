@@ -19,7 +19,8 @@ from ..box_search import Boxes
 from ..dynamics.speed import signed_speed
 from ..motion import Motion
 from ..scenario import EDGES, LANES, NUM_MAP_TYPES, LightState, MapType, ObjectType
-from ..scene import Lights, Points, Scene
+from ..scene import Scene
+from ..scene_records import Lights, Points
 from .base import Observation, Observer, Slot, TokenGroup, View
 from .ego_frame import stack
 from .nearest import nearest
@@ -233,9 +234,9 @@ def _lights(config, lights: Lights, me: Motion, cone: Cone):
 
 
 def _stop_signs(config, scene: Scene, me: Motion, cone: Cone):
-    xyz, there = scene.stop_signs()
-    offset = xyz[:, :2] - me.xy[None]
-    there &= cone.touches(xyz[:, :2], SIGN_RADIUS)
+    signs = scene.stop_signs()
+    offset = signs.xyz[:, :2] - me.xy[None]
+    there = signs.valid & cone.touches(signs.xyz[:, :2], SIGN_RADIUS)
     chosen, mask = nearest(geometry.norm(offset), there, config.num_stop_signs)
     place = _polar(offset[chosen], me.yaw)
     return jnp.stack([jnp.ones_like(place[0]), *place], axis=-1), mask

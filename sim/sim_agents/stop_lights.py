@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from .. import geometry
 from ..scenario import LightState
-from ..scene import Lights
+from ..scene_records import Lights
 
 STOPS = (LightState.STOP, LightState.ARROW_STOP)
 

@@ -13,7 +13,8 @@ from drivetrain.sim.data.bank import Bank
 from drivetrain.sim.data.pack import PackConfig, pack
 from drivetrain.sim.motion import Motion
 from drivetrain.sim.scenario import MapType, Polylines, Scenario
-from drivetrain.sim.scene import Edge, Lights, Scene
+from drivetrain.sim.scene import Scene
+from drivetrain.sim.scene_records import Edge, Lights
 from tests.oracles import geometry
 from tests.sim.data import files
 

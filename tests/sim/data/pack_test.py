@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from drivetrain.sim.data import bank, build, routes, synthetic
-from drivetrain.sim.data.pack import QUANTUM, PackConfig, Packed, pack
+from drivetrain.sim.data.pack import LIMIT_QUANTUM, QUANTUM, PackConfig, Packed, pack
 from drivetrain.sim.motion import Motion
 from drivetrain.sim.scenario import EDGES, Polylines, Scenario
-from drivetrain.sim.scene import Lights, PathSegments, Scene, Segments
+from drivetrain.sim.scene import Scene
+from drivetrain.sim.scene_records import Lights, PathSegments, Segments
 from tests.oracles import geometry
 from tests.sim.data import files
 
@@ -346,3 +347,55 @@ def test_a_track_that_is_never_valid_is_left_out():
 
     assert len(packed.object_id) == len(scenario.tracks.object_id) - 1
     assert tracks.object_id[1] not in packed.object_id
+
+
+def limited(source: Scenario) -> Scenario:
+    """Returns the scenario with limits along its first path: 10 m/s, none, 13.3."""
+    assert source.paths is not None
+    limit = np.zeros(len(source.paths.xyz))
+    limit[:9], limit[30:] = 10.0, 13.3
+    paths = dataclasses.replace(source.paths, speed_limit=limit, is_limited=limit > 0)
+    return dataclasses.replace(source, paths=paths)
+
+
+def test_speed_limits_are_shown_where_paths_have_them():
+    source = limited(routes.with_paths(files.scenario(1)))
+    (view,) = views([source], PackConfig())
+    paths, found = source.paths, view.paths
+    assert paths is not None
+    own = found.valid & (found.path == 0)
+    line = in_scene(view, paths.points_of(0))[:, :2]
+    shown = [
+        np.linalg.norm(line - start, axis=1).argmin() for start in found.start[own]
+    ]
+
+    assert {0, 9, 30} <= set(shown)  # the limit changes there
+    assert (found.is_limited[own] == paths.is_limited[shown]).all()
+    error = found.speed_limit[own] - paths.speed_limit[shown]
+    assert np.abs(error).max() <= LIMIT_QUANTUM / 2
+
+
+def test_stop_signs_show_which_way_they_stop():
+    source = files.scenario(1)
+    (packed,) = [pack(source, PackConfig())]
+    lane = source.roads.points_of(0)
+    place = source.roads.points_of(int(np.argmax(source.roads.map_type == 17)))
+    gap, _ = geometry.project(place[0, :2], lane[:, :2])
+    assert packed.stop_has_lane.tolist() == [gap <= 15.0]
+    near = dataclasses.replace(
+        source, roads=dataclasses.replace(source.roads, xyz=source.roads.xyz * 0.05)
+    )
+    scene = Scene(
+        bank=bank.build(
+            [one := pack(near, PackConfig())], bank.Sizes.of([one], MAX_OBJECTS)
+        ),
+        index=jnp.int32(0),
+    )
+    signs = scene.stop_signs()
+    lane = near.roads.points_of(0)[:, :2]
+    wanted = geometry.direction_at(place[0, :2] * 0.05, lane)
+    assert signs.has_lane.tolist() == [True]
+    turn = geometry.wrap_angle(float(signs.yaw[0]) - wanted)
+    assert abs(turn) < YAW
+    wanted = place[0] * 0.05 - near.origin
+    np.testing.assert_allclose(np.asarray(signs.xyz[0]), wanted, atol=POSITION)

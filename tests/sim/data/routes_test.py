@@ -262,3 +262,17 @@ def test_on_route_paths_of_real_logs_cover_the_log(path: pathlib.Path | None) ->
         for points, on_route in paths:
             gap = np.linalg.norm(points[:, None, :2] - track[-1:], axis=-1).min()
             assert not on_route or gap <= routes.FOLLOW_DISTANCE + HALF_SPACING
+
+
+def test_paths_carry_the_speed_limits_of_their_lanes() -> None:
+    lanes = {1: straight(0, 40), 2: straight(40, 80), 3: straight(80, 160)}
+    links = parts.lane_links([(1, 2), (2, 3)], [], [], {1: 10.0, 3: 15.0, 9: 30.0})
+    scenario = scenario_of(lanes, straight(0, 120), [(1, 2), (2, 3)])
+    paths = routes.paths_of(dataclasses.replace(scenario, lane_links=links))
+    x = paths.xyz[:, 0]
+    # A point where lanes meet belongs to either.
+    for low, high, limit in ((0, 39, 10.0), (41, 79, 0.0), (81, 150, 15.0)):
+        inside = (x > low) & (x < high)
+        assert inside.sum() > 50
+        assert (paths.speed_limit[inside] == limit).all()
+        assert (paths.is_limited[inside] == (limit > 0)).all()

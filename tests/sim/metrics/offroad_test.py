@@ -10,7 +10,8 @@ from drivetrain.sim.data import synthetic
 from drivetrain.sim.data.pack import PackConfig, pack
 from drivetrain.sim.geometry import box_corners
 from drivetrain.sim.metrics.aggregate import FLAGS
-from drivetrain.sim.scene import Edge, Scene
+from drivetrain.sim.scene import Scene
+from drivetrain.sim.scene_records import Edge
 from tests import changes, worlds
 from tests.oracles import geometry, metrics as oracle
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import pytest
 
 from drivetrain.sim.scenario import LightState
-from drivetrain.sim.scene import Lights
+from drivetrain.sim.scene_records import Lights
 from drivetrain.sim.sim_agents import stop_lights
 from drivetrain.sim.sim_agents.stop_lights import LightConfig
 

@@ -5,9 +5,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from drivetrain.sim.data.lights import lane_directions, seen_lights
+from drivetrain.sim.data import parts
+from drivetrain.sim.data.lane_directions import (
+    lane_directions,
+    stop_sign_directions,
+)
+from drivetrain.sim.data.parts import seen_lights
 from drivetrain.sim.scenario import LANES, Lights, MapType, Polylines
-from drivetrain.sim.scene import Lights as SceneLights, Scene
+from drivetrain.sim.scene import Scene
+from drivetrain.sim.scene_records import Lights as SceneLights
 from tests import worlds
 from tests.oracles import geometry
 
@@ -36,7 +42,7 @@ def on_lane(xy: tuple[float, float], lane_id: int = 7) -> tuple[float, bool]:
         state=np.ones((1, 3), int),
         valid=np.ones((1, 3), bool),
     )
-    yaw, has_lane = lane_directions(lights, roads)
+    yaw, has_lane = lane_directions(lights.lane_id, lights.xyz, roads)
     return float(yaw[0]), bool(has_lane[0])
 
 
@@ -82,3 +88,22 @@ def test_scenes_show_the_directions_of_the_oracle(kind: str) -> None:
         assert not shown.has_lane[~np.asarray(shown.valid)].any()
         assert not shown.yaw[~np.asarray(shown.has_lane)].any()
     assert num_lanes > 10  # else the scenarios prove nothing
+
+
+def test_a_stop_sign_faces_the_first_lane_that_it_stops() -> None:
+    lane = np.array([(0.0, 0, 0), (10, 0, 0)])
+    roads = Polylines(
+        xyz=np.concatenate(
+            [lane, lane[::-1], [(10, -4, 0)], [(90, 0, 0)], [(5, 2, 0)]]
+        ),
+        offset=np.array([0, 2, 4, 5, 6, 7]),
+        map_type=np.array([2, 2, 17, 17, 17]),
+        feature_id=np.array([3, 4, 8, 9, 7]),
+    )
+    links = parts.lane_links([], [], [(8, 4), (8, 5), (9, 3)], {})
+    yaw, is_known = stop_sign_directions(roads, links)
+    # The first stops lane 4, which leads west; the second's lane is 80 m away, and
+    # nobody tells the third's.
+    np.testing.assert_allclose(yaw, [np.pi, 0, 0], atol=ROUNDING)
+    assert is_known.tolist() == [True, False, False]
+    assert not stop_sign_directions(roads, None)[1].any()
