@@ -16,6 +16,7 @@ from ..sim import files
 from ..sim.data import loader, prepare as preparing
 from ..sim.data.loader import Split
 from ..sim.data.pack import PackConfig
+from ..sim.data.timeline import Timeline
 from ..sim.dynamics.build import DYNAMICS
 from ..sim.sim_agents.build import SIM_AGENTS
 from . import (
@@ -46,6 +47,7 @@ def prepare(
     /,
     simplify: float = PackConfig.simplify,
     quantize: bool = PackConfig.quantize,
+    timeline: Timeline = PackConfig.timeline,
     strict: bool = False,
 ) -> None:
     """Makes a store of scenarios from files of driving logs.
@@ -60,6 +62,10 @@ def prepare(
         simplify: how far simplified map lines may lie from the logged ones [m].
         quantize: keep 16-bit numbers (1 cm, 1 cm/s); else float32, and nothing is
             simplified.
+        timeline: how logs come to steps of 0.1 s. other-rates: resample those of other
+            steps, or refuse them. current-step: the last step of history, from which
+            the simulation starts; by default as the format has it (10; 49 in
+            Argoverse 2).
         strict: stop at the first record that cannot be used.
     """
     if len(paths) < 2:
@@ -69,7 +75,7 @@ def prepare(
         )
     files = [path for pattern in paths[:-1] for path in loader.matching_files(pattern)]
     out = pathlib.Path(paths[-1])
-    settings = PackConfig(simplify=simplify, quantize=quantize)
+    settings = PackConfig(simplify=simplify, quantize=quantize, timeline=timeline)
     with progress("preparing", len(files), unit="files") as line:
         summary = preparing.prepare(
             files,

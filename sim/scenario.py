@@ -231,7 +231,8 @@ def check(scenario: Scenario) -> Scenario:
     if scenario.num_steps < current + 2:
         raise ScenarioError(
             f"too short: {scenario.num_steps} steps, at least {current + 2} are needed "
-            f"({current + 1} of history and one to simulate)"
+            f"({current + 1} of history and one to simulate); an earlier current step "
+            "(--timeline.current-step) asks for less"
         )
     ego_valid = tracks.valid[scenario.ego_index]
     if not ego_valid[current] or not ego_valid[current + 1 :].any():

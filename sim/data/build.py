@@ -4,14 +4,20 @@ import os
 import pathlib
 from collections.abc import Iterator
 
+import numpy as np
+
+from .. import scenario
 from ..scenario import Scenario, ScenarioError
-from . import base, json_scenes, womd_example, womd_scenario
+from . import base, json_scenes, timeline as timelines, womd_example, womd_scenario
 from .base import BadRecord
+from .timeline import Timeline
 
 READERS = (womd_example.READER, womd_scenario.READER, json_scenes.READER)
 
 
-def read(path: pathlib.Path) -> Iterator[Scenario | BadRecord]:
+def read(
+    path: pathlib.Path, timeline: Timeline = timelines.DEFAULT
+) -> Iterator[Scenario | BadRecord]:
     """Yields the scenarios of a file, and each record of it that cannot be used.
 
     The format is told from the content, plain or gzip. Whatever a file contains,
@@ -19,6 +25,7 @@ def read(path: pathlib.Path) -> Iterator[Scenario | BadRecord]:
 
     Args:
         path: a file.
+        timeline: how the steps of its logs become those of the simulator.
 
     Returns:
         One item for each record: a scenario that `scenario.check` has passed, or why
@@ -38,13 +45,28 @@ def read(path: pathlib.Path) -> Iterator[Scenario | BadRecord]:
         return _bad_file(path, "the file is empty; copy it again")
     for reader in READERS:
         if reader.recognizes(head):
-            return reader.records(path)
+            return _settled(reader.records(path), path, timeline)
     names = ", ".join(reader.name for reader in READERS)
     return _bad_file(
         path,
         f"a file that begins with {head[:12]!r} is of no known format; known: "
         f"{names}. If it is meant to be one, its beginning is damaged: copy it again",
     )
+
+
+def _settled(
+    records: Iterator[Scenario | BadRecord], path: pathlib.Path, timeline: Timeline
+) -> Iterator[Scenario | BadRecord]:
+    """Brings scenarios to the steps of the simulator and checks them."""
+    for index, record in enumerate(records):
+        if isinstance(record, BadRecord):
+            yield record
+            continue
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                yield scenario.check(timelines.aligned(record, timeline))
+        except ScenarioError as error:
+            yield BadRecord(path=path, record_index=index, reason=str(error))
 
 
 def _require_readable(path: pathlib.Path) -> None:

@@ -141,7 +141,7 @@ def packed_records(
     Raises:
         OSError: if the file cannot be opened.
     """
-    for index, record in enumerate(readers.read(path)):
+    for index, record in enumerate(readers.read(path, config.timeline)):
         if isinstance(record, BadRecord):
             yield record
             continue

@@ -20,11 +20,12 @@ from ..scenario import (
     ScenarioError,
     Tracks,
 )
-from . import edge_index, edge_sides, log_rows, routes, tiles
+from . import edge_index, edge_sides, log_rows, routes, tiles, timeline as timelines
 from .feasibility import goal_feasible
 from .lane_directions import lane_directions, stop_sign_directions
 from .parts import seen_lights
 from .simplify import kept_points
+from .timeline import Timeline
 
 JOINED = 32  # added to the map type of a vertex from which a segment leads on
 LIGHT_VALID = 16  # added to the state of a light that was seen
@@ -40,6 +41,9 @@ class PackConfig:
 
     simplify: float = 0.03  # greatest deviation of simplified polylines [m]
     quantize: bool = True  # 16-bit numbers; else float32 and no simplification
+    timeline: Timeline = (
+        timelines.DEFAULT
+    )  # how logs that are read come to steps of 0.1 s
 
     def __post_init__(self) -> None:
         """Checks the tolerance.

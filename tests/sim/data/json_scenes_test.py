@@ -9,7 +9,7 @@ import numpy as np
 import orjson
 import pytest
 
-from drivetrain.sim.data import json_scenes
+from drivetrain.sim.data import build, json_scenes
 from drivetrain.sim.data.base import BadRecord
 from drivetrain.sim.scenario import LightState, MapType, Scenario, ScenarioError
 from tests.sim.data import files
@@ -150,7 +150,7 @@ def test_a_file_names_the_scenario_that_has_no_id(
 
 @pytest.mark.skipif(not REAL_FILES, reason=files.NO_REAL_DATA)
 def test_the_real_files_are_read_but_for_three_that_are_too_short() -> None:
-    found = [item for path in REAL_FILES for item in json_scenes.READER.records(path)]
+    found = [item for path in REAL_FILES for item in build.read(path)]
     bad = [item for item in found if isinstance(item, BadRecord)]
     assert len(found) - len(bad) >= 42
     assert len(bad) == 3
