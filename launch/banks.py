@@ -9,7 +9,7 @@ from jax.sharding import Mesh
 from ..learners import mesh as meshes
 from ..sim.data import bank as banks, loader
 from ..sim.data.bank import Bank
-from ..sim.data.pack import Packed
+from ..sim.data.packed import Packed
 from .progress import progress
 
 

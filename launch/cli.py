@@ -13,10 +13,9 @@ from rich import console as rich_console
 
 from ..learners import mesh as meshes
 from ..sim import files
-from ..sim.data import loader, prepare as preparing
+from ..sim.data import loader
 from ..sim.data.loader import Split
-from ..sim.data.pack import PackConfig
-from ..sim.data.timeline import Timeline
+from ..sim.data.query import EVERYTHING, Query
 from ..sim.dynamics.build import DYNAMICS
 from ..sim.sim_agents.build import SIM_AGENTS
 from . import (
@@ -27,6 +26,7 @@ from . import (
     demo as demos,
     dump as dumps,
     evaluate as evaluating,
+    stores,
     tables,
 )
 from .benchmarks import timing
@@ -38,83 +38,6 @@ from .train import train as run_training
 Dynamics = Annotated[str, tyro.conf.arg(metavar="|".join(DYNAMICS))]
 SimAgent = Annotated[str, tyro.conf.arg(metavar="|".join(SIM_AGENTS))]
 UNSEEN = "synthetic:2000000:256"  # generated scenarios that nothing trains on
-
-
-def prepare(
-    paths: Annotated[
-        tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILES… OUT")
-    ],
-    /,
-    simplify: float = PackConfig.simplify,
-    quantize: bool = PackConfig.quantize,
-    timeline: Timeline = PackConfig.timeline,
-    strict: bool = False,
-) -> None:
-    """Makes a store of scenarios from files of driving logs.
-
-    drivetrain prepare 'womd/*.tfrecord*' data/womd
-
-    Formats are told from the content: WOMD Scenario and tf.Example TFRecords, WOMD JSON
-    (Nocturne, GPUDrive); plain or gzip. A run that was cut continues where it was.
-
-    Args:
-        paths: files or quoted patterns of files, and last the folder of the store.
-        simplify: how far simplified map lines may lie from the logged ones [m].
-        quantize: keep 16-bit numbers (1 cm, 1 cm/s); else float32, and nothing is
-            simplified.
-        timeline: how logs come to steps of 0.1 s. other-rates: resample those of other
-            steps, or refuse them. current-step: the last step of history, from which
-            the simulation starts; by default as the format has it (10; 49 in
-            Argoverse 2).
-        strict: stop at the first record that cannot be used.
-    """
-    if len(paths) < 2:
-        raise ValueError(
-            "prepare needs files and the folder of the store: drivetrain prepare "
-            "'womd/*.tfrecord*' data/womd"
-        )
-    files = [path for pattern in paths[:-1] for path in loader.matching_files(pattern)]
-    out = pathlib.Path(paths[-1])
-    settings = PackConfig(simplify=simplify, quantize=quantize, timeline=timeline)
-    with progress("preparing", len(files), unit="files") as line:
-        summary = preparing.prepare(
-            files,
-            out,
-            settings,
-            strict,
-            lambda num_files, num: line.update(num_files, f"{num:,} scenarios"),
-        )
-    _print_summary(summary, out)
-
-
-def _print_summary(summary: preparing.Summary, out: pathlib.Path) -> None:
-    console = rich_console.Console(highlight=False, markup=False, soft_wrap=True)
-    mean = summary.num_bytes / summary.num_scenarios / 1e3
-    console.print(
-        f"{summary.num_scenarios:,} scenarios in {summary.num_shards} shard(s) in "
-        f"{out}, {mean:.1f} KB each; {len(summary.bad)} record(s) left out"
-    )
-    if summary.num_continued:
-        console.print(f"{summary.num_continued} shard(s) were there already")
-    for reason, count in summary.reasons():
-        console.print(f"  {count} x {reason}")
-    for bad in summary.bad:
-        console.print(f"  {bad['file']}, record {bad['record']}: {bad['reason']}")
-    if summary.num_coarse:
-        console.print(
-            f"{summary.num_coarse} scenario(s) are wider than 655 m and kept to more "
-            "than 1 cm; --no-quantize keeps float32"
-        )
-    if summary.num_index_dropped:
-        console.print(
-            f"{summary.num_index_dropped:,} candidates for the nearest road edge did "
-            "not fit into cells of 1 m; the nearest ones were kept"
-        )
-    if summary.duplicates:
-        console.print(
-            f"{len(summary.duplicates)} scenario id(s) came more than once, for "
-            f"example {summary.duplicates[0]}"
-        )
 
 
 def train(
@@ -150,6 +73,7 @@ def evaluate(
     data: str = UNSEEN,
     split: Split = "all",
     test_share: float = 1 / 3,
+    query: Query = EVERYTHING,
     sim_agent: SimAgent = "playback",
     dynamics: Dynamics | None = None,
     max_objects: int = 128,
@@ -176,6 +100,7 @@ def evaluate(
             generated scenarios of the seeds from FIRST on.
         split: which part of the scenarios, by a hash of their ids.
         test_share: of the scenarios that belongs to the split test.
+        query: which of them to play, by what is known of them.
         sim_agent: who drives all others.
         dynamics: the ego's action space; bicycle by default, and that of the training
             for a run.
@@ -195,6 +120,7 @@ def evaluate(
     source = loader.Source(
         path=data,
         split=split,
+        query=query,
         test_share=test_share,
         max_scenarios=max_scenarios,
         quantize=quantize,
@@ -215,6 +141,7 @@ def evaluate(
             "data": data,
             "split": split,
             "test_share": test_share,
+            **{f"query.{name}": x for name, x in dataclasses.asdict(query).items()},
             "max_scenarios": max_scenarios,
             "quantize": quantize,
             "max_objects": max_objects,
@@ -312,7 +239,7 @@ def main() -> None:
     try:
         tyro.extras.subcommand_cli_from_dict(
             {
-                "prepare": prepare,
+                "prepare": stores.prepare,
                 "train": train,
                 "evaluate": evaluate,
                 "benchmark": benchmark,

@@ -12,7 +12,7 @@ from rich import console as rich_console
 from ..learners import mesh as meshes
 from ..sim import files
 from ..sim.data import loader, synthetic
-from ..sim.data.pack import Packed
+from ..sim.data.packed import Packed
 from ..sim.env.recording import Recording
 from ..sim.scenario import Scenario
 from ..sim.visualization import scene as pictures

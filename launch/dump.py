@@ -13,7 +13,7 @@ from jaxtyping import PyTree
 
 from ..sim import files
 from ..sim.data.bank import Bank
-from ..sim.data.pack import Packed
+from ..sim.data.packed import Packed
 from ..sim.env.recording import Recording, record
 from .banks import Loaded
 from .evaluate import Player

@@ -14,6 +14,7 @@ from ..sim import rewards
 from ..sim.data import loader
 from ..sim.data.bank import Bank
 from ..sim.data.loader import Split
+from ..sim.data.query import EVERYTHING, Query
 from ..sim.dynamics import build as dynamics
 from ..sim.env.base import Environment
 from ..sim.env.demonstrations import demonstrations
@@ -29,6 +30,7 @@ class Experiment:
     data: str  # a store, a file, a pattern of files, or synthetic:FIRST:COUNT
     split: Split = "all"  # which scenarios to train on
     test_share: float = 1 / 3  # of the scenarios, for the splits train and test
+    query: Query = EVERYTHING  # which of them, by what is known of them
     max_scenarios: int | None = None
     max_objects: int = 128  # of a scenario, those that matter most to the ego
     dynamics: str = "bicycle_discrete"  # of the ego: the action space
@@ -71,6 +73,7 @@ class Experiment:
             path=self.data,
             split=self.split,
             test_share=self.test_share,
+            query=self.query,
             max_scenarios=self.max_scenarios,
         )
 

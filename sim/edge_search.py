@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from . import geometry
-from .data import edge_index, pack
+from .data import edge_index, packed
 from .data.bank import Bank
 from .native import library
 
@@ -88,7 +88,7 @@ def search_plainly(
     number = edge_index.BLOCK * block[..., None] + in_block[None, None]
     number = number.reshape(len(points), -1)
     vertex = bank.first_vertex[index] + number
-    is_edge = bank.vertex_tag[vertex] >= pack.JOINED
+    is_edge = bank.vertex_tag[vertex] >= packed.JOINED
     is_edge &= jnp.repeat(listed, edge_index.BLOCK, axis=-1)
     is_edge &= number < bank.num_edge_vertices[index]
 

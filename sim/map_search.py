@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from . import geometry
-from .data import pack
+from .data import packed
 from .data.bank import Bank
 from .native import library
 from .records import Record
@@ -86,7 +86,7 @@ def nearest_plainly(
     first, most = bank.first_vertex[index], bank.sizes.num_vertices
     stored = jax.lax.dynamic_slice_in_dim(bank.vertices, first, most)
     tag = jax.lax.dynamic_slice_in_dim(bank.vertex_tag, first, most)
-    joined = tag >= pack.JOINED
+    joined = tag >= packed.JOINED
     start = bank.centre[index, None, :2] + bank.quantum[index] * stored[:, :2]
     end = jnp.where(joined[:, None], jnp.roll(start, -1, axis=0), start)
     share = geometry.nearest_on_segment(xy[None], start, end)
@@ -156,7 +156,9 @@ def touches_plainly(
     beside = jnp.abs(geometry.cross(middle[:, :2], half)) <= geometry.dot(
         jnp.broadcast_to(extent, half_box.shape), half_box[:, ::-1]
     )
-    is_edge = (tag >= pack.JOINED) & (jnp.arange(most) < bank.num_edge_vertices[index])
+    is_edge = (tag >= packed.JOINED) & (
+        jnp.arange(most) < bank.num_edge_vertices[index]
+    )
     level = jnp.abs(middle[:, 2]) <= height
     return jnp.any(is_edge & level & inside & beside)
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from . import edge_search, geometry, map_search
-from .data import edge_index, pack
+from .data import edge_index, packed
 from .data.bank import Bank
 from .data.parts import POLYGONS
 from .motion import Motion
@@ -112,8 +112,8 @@ class Scene(Record):
         turns = self.bank.turns[row]
         yaw, velocity = turns[..., 0], turns[..., 1:]
         if not jnp.issubdtype(turns.dtype, jnp.floating):
-            yaw = yaw * jnp.float32(pack.YAW_QUANTUM)
-            velocity = velocity * jnp.float32(pack.QUANTUM)
+            yaw = yaw * jnp.float32(packed.YAW_QUANTUM)
+            velocity = velocity * jnp.float32(packed.QUANTUM)
         return Motion(
             xyz=jnp.where(valid[..., None], self._metres(self.bank.poses[row]), 0.0),
             yaw=jnp.where(valid, yaw, 0.0),
@@ -129,14 +129,14 @@ class Scene(Record):
         state = jnp.take(state, step, axis=1, mode="clip")
         in_log = (step >= 0) & (step < self.num_steps)
         slots = jnp.arange(count) < self.bank.num_lights[self.index]
-        valid = (state >= pack.LIGHT_VALID) & in_log & slots
+        valid = (state >= packed.LIGHT_VALID) & in_log & slots
         xyz = jax.lax.dynamic_slice_in_dim(self.bank.light_xyz, first, count)
         yaw = jax.lax.dynamic_slice_in_dim(self.bank.light_yaw, first, count)
         has_lane = jax.lax.dynamic_slice_in_dim(self.bank.light_has_lane, first, count)
         has_lane &= valid
         return Lights(
             xyz=jnp.where(valid[:, None], self._metres(xyz), 0.0),
-            state=jnp.where(valid, state % pack.LIGHT_VALID, 0).astype(jnp.int32),
+            state=jnp.where(valid, state % packed.LIGHT_VALID, 0).astype(jnp.int32),
             yaw=jnp.where(has_lane, self._radians(yaw), 0.0),
             has_lane=has_lane,
             valid=valid,
@@ -148,13 +148,13 @@ class Scene(Record):
         first = bank.first_vertex[self.index]
         stored = jax.lax.dynamic_slice_in_dim(bank.vertices, first, count)
         tag = jax.lax.dynamic_slice_in_dim(bank.vertex_tag, first, count)
-        vertices, joined = self._metres(stored), tag >= pack.JOINED
+        vertices, joined = self._metres(stored), tag >= packed.JOINED
         ended = jnp.roll(joined, 1).at[0].set(False)
         exists = jnp.arange(count) < bank.num_vertices[self.index]
         return Segments(
             start=vertices,
             end=jnp.where(joined[:, None], jnp.roll(vertices, -1, axis=0), vertices),
-            map_type=(tag % pack.JOINED).astype(jnp.int32),
+            map_type=(tag % packed.JOINED).astype(jnp.int32),
             valid=exists & (joined | ~ended),
         )
 
@@ -192,11 +192,11 @@ class Scene(Record):
         )
         vertex = bank.first_vertex[self.index] + near.number
         tag = bank.vertex_tag[vertex]
-        end = vertex + (tag >= pack.JOINED)
+        end = vertex + (tag >= packed.JOINED)
         return Segments(
             start=self._metres(bank.vertices[vertex]),
             end=self._metres(bank.vertices[end]),
-            map_type=(tag % pack.JOINED).astype(jnp.int32),
+            map_type=(tag % packed.JOINED).astype(jnp.int32),
             valid=near.valid,
         )
 
@@ -209,8 +209,8 @@ class Scene(Record):
         pair = pair + jnp.arange(2)[None]
         xyz = self._metres(self.bank.vertices[pair])
         tag = self.bank.vertex_tag[pair]
-        joined = tag >= pack.JOINED
-        map_type = (tag[:, 0] % pack.JOINED).astype(jnp.int32)
+        joined = tag >= packed.JOINED
+        map_type = (tag[:, 0] % packed.JOINED).astype(jnp.int32)
         closes = jnp.isin(map_type, jnp.array(POLYGONS))[:, None] & ~joined
         has_next = joined[:, 0] & ~closes[:, 1]
         return Points(
@@ -301,7 +301,7 @@ class Scene(Record):
             end=jnp.where(valid[:, None], jnp.roll(xy, -1, axis=0), xy),
             arc=cut(bank.path_arc),
             path=number,
-            speed_limit=limit * jnp.float32(pack.LIMIT_QUANTUM),
+            speed_limit=limit * jnp.float32(packed.LIMIT_QUANTUM),
             is_limited=limit > 0,
             on_route=bank.path_on_route[path] & valid,
             log_arc=bank.path_log_arc[path],
@@ -316,7 +316,7 @@ class Scene(Record):
     def _radians(self, stored: Array) -> Array:
         if jnp.issubdtype(stored.dtype, jnp.floating):
             return stored
-        return stored * jnp.float32(pack.YAW_QUANTUM)
+        return stored * jnp.float32(packed.YAW_QUANTUM)
 
     def _metres(self, stored: Array) -> Array:
         metres = self.bank.quantum[self.index] * stored

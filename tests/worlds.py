@@ -14,7 +14,8 @@ from jaxtyping import Array, Float, Int
 
 from drivetrain.sim.data import bank as banks, build as readers, routes, synthetic
 from drivetrain.sim.data.bank import Bank, Sizes
-from drivetrain.sim.data.pack import PackConfig, Packed, pack
+from drivetrain.sim.data.pack import PackConfig, pack
+from drivetrain.sim.data.packed import Packed
 from drivetrain.sim.goals import logged_goal
 from drivetrain.sim.metrics.base import Measure, Moment
 from drivetrain.sim.metrics.build import measure_all

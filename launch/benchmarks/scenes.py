@@ -9,7 +9,7 @@ from jaxtyping import Array, Int
 
 from ...sim.data import bank as banks, loader
 from ...sim.data.bank import Bank, Sizes
-from ...sim.data.pack import Packed
+from ...sim.data.packed import Packed
 from ...sim.env.base import State
 from ..progress import progress
 

@@ -5,8 +5,8 @@ A world does not carry its map: it carries the number of its scenario in the ban
 """
 
 import dataclasses
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import numpy as np
@@ -15,7 +15,63 @@ from jaxtyping import Array, Bool, Float, Int
 
 from ..records import Record
 from . import log_rows
-from .pack import Packed
+from .packed import Packed
+
+# The tables of the bank by what their rows are; `Packed.rows` counts these.
+TABLES = {
+    "objects": (
+        "object_type",
+        "object_size",
+        "goal_feasible",
+        "valid_bits",
+        "is_still",
+        "first_row",
+    ),
+    "rows": ("poses", "turns"),
+    "vertices": ("vertices", "vertex_tag", "tile_pieces"),
+    "edges": ("edge_normal",),
+    "stop_signs": ("stop_yaw", "stop_has_lane"),
+    "nodes": ("index_nodes",),
+    "blocks": ("index_blocks",),
+    "tiles": ("tile_starts",),
+    "lights": ("light_xyz", "light_state", "light_yaw", "light_has_lane"),
+    "path_vertices": ("path_vertices", "path_arc", "path_limit", "path_number"),
+    "paths": ("path_on_route", "path_log_arc"),
+}
+# Where a scenario, or for rows an object, begins in the tables of a kind.
+FIRST = {
+    "objects": "first_object",
+    "rows": "first_row",
+    "vertices": "first_vertex",
+    "edges": "first_edge",
+    "stop_signs": "first_stop_sign",
+    "nodes": "first_node",
+    "blocks": "first_block",
+    "tiles": "first_tile",
+    "lights": "first_light",
+    "path_vertices": "first_path_vertex",
+    "paths": "first_path",
+}
+
+
+@runtime_checkable
+class Counted(Protocol):
+    """A scenario of which the counts are known: packed, or of a manifest."""
+
+    @property
+    def num_steps(self) -> int:
+        """How many logged steps there are."""
+        ...
+
+    @property
+    def current_step(self) -> int:
+        """The last step of history."""
+        ...
+
+    @property
+    def rows(self) -> dict[str, int]:
+        """How many rows it has in the tables of each kind."""
+        ...
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -33,7 +89,7 @@ class Sizes:
     num_paths: int
 
     @classmethod
-    def of(cls, scenarios: Sequence[Packed], max_objects: int) -> "Sizes":
+    def of(cls, scenarios: Sequence[Counted], max_objects: int) -> "Sizes":
         """Returns sizes into which all the scenarios fit, but for capped objects.
 
         Args:
@@ -41,23 +97,43 @@ class Sizes:
             max_objects: objects of a scenario beyond this count are left out; those
                 that matter most to the ego come first.
         """
+        counts = [scenario.rows for scenario in scenarios]
+        most = {kind: max(count[kind] for count in counts) for kind in TABLES}
         return cls(
             num_steps=max(s.num_steps for s in scenarios),
             num_simulated=max(s.num_steps - 1 - s.current_step for s in scenarios),
-            num_objects=min(max(len(s.object_id) for s in scenarios), max_objects),
-            num_vertices=max(len(s.vertices) for s in scenarios),
-            num_edge_vertices=max(len(s.edge_normal) for s in scenarios),
-            num_stop_signs=max(1, *(s.num_stop_signs for s in scenarios)),
-            num_lights=max(1, *(len(s.light_xyz) for s in scenarios)),
-            num_path_vertices=max(len(s.path_vertices) for s in scenarios),
-            num_paths=max(len(s.path_on_route) for s in scenarios),
+            num_objects=min(most["objects"], max_objects),
+            num_vertices=most["vertices"],
+            num_edge_vertices=most["edges"],
+            num_stop_signs=max(1, most["stop_signs"]),
+            num_lights=max(1, most["lights"]),
+            num_path_vertices=most["path_vertices"],
+            num_paths=most["paths"],
         )
+
+    @property
+    def padding(self) -> dict[str, int]:
+        """Rows after the last scenario, so that a slice of static size fits."""
+        return {
+            "objects": self.num_objects,
+            "rows": 1,
+            "vertices": self.num_vertices,
+            "edges": self.num_vertices,
+            "stop_signs": self.num_stop_signs,
+            "nodes": 1,
+            "blocks": 1,
+            "tiles": 1,
+            "lights": self.num_lights,
+            "path_vertices": self.num_path_vertices,
+            "paths": self.num_paths,
+        }
 
 
 class Bank(Record):
     """Packed scenarios, ragged: `first_x[i]` is where scenario i begins among the xs.
 
-    Rows of padding follow the last scenario, so that a slice of static size fits.
+    Rows of padding follow the last scenario, so that a slice of static size fits. A
+    bank may consist of several pages, each of them such a run with its own padding.
     """
 
     sizes: Sizes = struct.field(pytree_node=False)
@@ -121,16 +197,22 @@ class Bank(Record):
     path_log_arc: Float[Array, "paths 2"]
 
 
-def build(scenarios: Sequence[Packed], sizes: Sizes) -> Bank:
+def build(
+    scenarios: Sequence[Packed],
+    sizes: Sizes,
+    capacity: Mapping[str, int] | None = None,
+) -> Bank:
     """Puts scenarios into one bank of host arrays.
 
     Args:
         scenarios: at least one, all packed with the same `PackConfig`.
         sizes: into which they fit, but for capped objects.
+        capacity: rows of the tables of each kind, padding included; by default as many
+            as there are.
 
     Raises:
-        ValueError: if there is no scenario, steps differ in length, or some scenarios
-            are quantised and others are not.
+        ValueError: if there is no scenario, steps differ in length, some scenarios are
+            quantised and others are not, or they do not fit into the capacity.
     """
     if not scenarios:
         raise ValueError("a bank needs at least one scenario, got none.")
@@ -140,81 +222,67 @@ def build(scenarios: Sequence[Packed], sizes: Sizes) -> Bank:
         )
     if len({s.poses.dtype for s in scenarios}) > 1:
         raise ValueError("some scenarios are quantised and others are not.")
-    kept = [_keep_objects(s, sizes) for s in scenarios]
+    kept = [_keep_objects(scenario, sizes) for scenario in scenarios]
+    counts = {kind: np.array([s.rows[kind] for s in kept]) for kind in TABLES}
+    arrays: dict[str, Any] = {
+        FIRST[kind]: _starts(count) for kind, count in counts.items()
+    }
+    arrays |= _facts(kept, counts)
+    row_counts = [log_rows.num_rows(s.valid_bits, s.is_still) for s in kept]
+    extra = {
+        "first_row": [_starts(np.concatenate(row_counts))],
+        "path_number": [_path_number(s) for s in kept],
+    }
+    for kind, names in TABLES.items():
+        total = int(counts[kind].sum())
+        room = total + sizes.padding[kind] if capacity is None else capacity[kind]
+        if room < total + sizes.padding[kind]:
+            raise ValueError(
+                f"{total} {kind} and their padding do not fit into {room} rows."
+            )
+        for name in names:
+            rows = extra.get(name) or [getattr(s, name) for s in kept]
+            rest = np.zeros((room - total, *rows[0].shape[1:]), rows[0].dtype)
+            arrays[name] = np.concatenate([*rows, rest])
+    return Bank(sizes=sizes, **arrays)
 
-    def table(name: str, padding: int = 0) -> np.ndarray:
-        rows = [getattr(s, name) for s in kept]
-        pad = np.zeros((padding, *rows[0].shape[1:]), rows[0].dtype)
-        return np.concatenate([*rows, pad])
 
-    def first(name: str) -> np.ndarray:
-        return _starts([len(getattr(s, name)) for s in kept])
+def _facts(kept: Sequence[Packed], counts: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    """Returns what the bank holds one of for each scenario, or at all."""
 
-    def count(name: str) -> np.ndarray:
-        return np.array([len(getattr(s, name)) for s in kept], np.int32)
+    def of_each(name: str, dtype: type) -> np.ndarray:
+        return np.array([getattr(scenario, name) for scenario in kept], dtype)
 
-    arrays: dict[str, Any] = dict(
+    return dict(
         dt=np.array(kept[0].dt, np.float32),
         num_scenarios=np.array(len(kept), np.int32),
-        current_step=np.array([s.current_step for s in kept], np.int32),
-        num_steps=np.array([s.num_steps for s in kept], np.int32),
-        centre=np.stack([s.centre for s in kept]),
-        quantum=np.array([s.quantum for s in kept], np.float32),
-        first_object=first("object_type"),
-        num_objects=count("object_type"),
-        object_type=table("object_type", sizes.num_objects),
-        object_size=table("object_size", sizes.num_objects),
-        goal_feasible=table("goal_feasible", sizes.num_objects),
-        valid_bits=table("valid_bits", sizes.num_objects),
-        is_still=table("is_still", sizes.num_objects),
-        first_row=np.append(
-            _starts(np.concatenate([_num_rows(s) for s in kept])),
-            np.zeros(sizes.num_objects, np.int32),
-        ),
-        poses=table("poses", 1),
-        turns=table("turns", 1),
-        first_vertex=first("vertices"),
-        num_vertices=count("vertices"),
-        vertices=table("vertices", sizes.num_vertices),
-        vertex_tag=table("vertex_tag", sizes.num_vertices),
-        first_edge=first("edge_normal"),
-        num_edge_vertices=count("edge_normal"),
-        first_stop_sign=first("stop_yaw"),
-        num_stop_signs=count("stop_yaw"),
-        stop_yaw=table("stop_yaw", sizes.num_stop_signs),
-        stop_has_lane=table("stop_has_lane", sizes.num_stop_signs),
-        edge_normal=table("edge_normal", sizes.num_vertices),
-        index_corner=np.stack([s.index_corner for s in kept]),
-        index_shape=np.stack([s.index_shape for s in kept]),
-        first_node=first("index_nodes"),
-        index_nodes=table("index_nodes", 1),
-        first_block=first("index_blocks"),
-        index_blocks=table("index_blocks", 1),
-        tile_corner=np.stack([s.tile_corner for s in kept]),
-        tile_shape=np.stack([s.tile_shape for s in kept]),
-        first_tile=first("tile_starts"),
-        tile_starts=table("tile_starts", 1),
-        tile_pieces=table("tile_pieces", sizes.num_vertices),
-        tile_reach=np.array([s.tile_reach for s in kept], np.float32),
-        first_light=first("light_xyz"),
-        num_lights=count("light_xyz"),
-        light_xyz=table("light_xyz", sizes.num_lights),
-        light_state=table("light_state", sizes.num_lights),
-        light_yaw=table("light_yaw", sizes.num_lights),
-        light_has_lane=table("light_has_lane", sizes.num_lights),
-        first_path_vertex=first("path_vertices"),
-        num_path_vertices=count("path_vertices"),
-        path_vertices=table("path_vertices", sizes.num_path_vertices),
-        path_arc=table("path_arc", sizes.num_path_vertices),
-        path_limit=table("path_limit", sizes.num_path_vertices),
-        path_number=np.concatenate(
-            [*map(_path_number, kept), np.zeros(sizes.num_path_vertices, np.int16)]
-        ),
-        first_path=first("path_on_route"),
-        path_on_route=table("path_on_route", sizes.num_paths),
-        path_log_arc=table("path_log_arc", sizes.num_paths),
+        current_step=of_each("current_step", np.int32),
+        num_steps=of_each("num_steps", np.int32),
+        centre=of_each("centre", np.float32),
+        quantum=of_each("quantum", np.float32),
+        num_objects=counts["objects"].astype(np.int32),
+        num_vertices=counts["vertices"].astype(np.int32),
+        num_edge_vertices=counts["edges"].astype(np.int32),
+        num_stop_signs=counts["stop_signs"].astype(np.int32),
+        num_lights=counts["lights"].astype(np.int32),
+        num_path_vertices=counts["path_vertices"].astype(np.int32),
+        index_corner=of_each("index_corner", np.float32),
+        index_shape=of_each("index_shape", np.int32),
+        tile_corner=of_each("tile_corner", np.float32),
+        tile_shape=of_each("tile_shape", np.int32),
+        tile_reach=of_each("tile_reach", np.float32),
     )
-    return Bank(sizes=sizes, **arrays)
+
+
+def num_bytes(scenario: Packed) -> int:
+    """Returns how many bytes a bank grows by with the scenario."""
+    sizes = Sizes.of([scenario], len(scenario.object_id))
+    one, two = (build([scenario] * count, sizes) for count in (1, 2))
+    return _num_bytes(two) - _num_bytes(one)
+
+
+def _num_bytes(bank: Bank) -> int:
+    return sum(leaf.nbytes for leaf in jax.tree.leaves(bank))
 
 
 def build_shards(scenarios: Sequence[Packed], sizes: Sizes, num_shards: int) -> Bank:
@@ -254,10 +322,6 @@ def _starts(counts: Sequence[int] | np.ndarray) -> np.ndarray:
     return np.concatenate([[0], ends[:-1]]).astype(np.int32)
 
 
-def _num_rows(scenario: Packed) -> np.ndarray:
-    return log_rows.num_rows(scenario.valid_bits, scenario.is_still)
-
-
 def _path_number(scenario: Packed) -> np.ndarray:
     counts = np.diff(scenario.path_offset)
     return np.repeat(np.arange(len(counts), dtype=np.int16), counts)
@@ -266,7 +330,8 @@ def _path_number(scenario: Packed) -> np.ndarray:
 def _keep_objects(scenario: Packed, sizes: Sizes) -> Packed:
     """Cuts off objects beyond the cap, and pads steps to the bank's number."""
     kept = slice(0, sizes.num_objects)
-    num_rows = int(_num_rows(scenario)[kept].sum())
+    row_counts = log_rows.num_rows(scenario.valid_bits, scenario.is_still)
+    num_rows = int(row_counts[kept].sum())
     words = -(-sizes.num_steps // 32) - scenario.valid_bits.shape[1]
     steps = sizes.num_steps - scenario.num_steps
     return dataclasses.replace(

@@ -1,7 +1,6 @@
 """Loads scenarios, from a store, from files or from the generator, for a bank."""
 
 import dataclasses
-import glob
 import hashlib
 import pathlib
 from collections.abc import Callable, Iterator
@@ -9,13 +8,15 @@ from typing import Any, Literal
 
 import grain
 
-from ..scenario import ScenarioError
-from . import build as readers, store, synthetic
+from . import store
 from .base import BadRecord
-from .pack import PackConfig, Packed, pack
+from .entry import entry_of
+from .inputs import inputs_of, packed_records
+from .pack import PackConfig
+from .packed import Packed
+from .query import EVERYTHING, Query
 
 Split = Literal["all", "train", "test"]
-SYNTHETIC = "synthetic"
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -28,9 +29,15 @@ class Source:
 
     path: str
     split: Split = "all"  # by scenario id, so that adding files moves none
+    query: Query = EVERYTHING
     test_share: float = 1 / 3  # of the scenarios, for the splits train and test
     max_scenarios: int | None = None
     quantize: bool = True  # of what is packed here; a store is as it was prepared
+
+    @property
+    def is_store(self) -> bool:
+        """Whether the path is that of a folder, so of a store."""
+        return pathlib.Path(self.path).is_dir()
 
     def __post_init__(self) -> None:
         """Checks the ranges.
@@ -73,17 +80,39 @@ def load(
     limit = source.max_scenarios
     for done, packed in enumerate(_open(source, bad), start=1):
         tick(done)
-        if in_split(packed.scenario_id, source.split, source.test_share):
+        if source.is_store or _is_wanted(packed, source):
             kept.append(packed)
         if limit is not None and len(kept) >= limit:
             break
     if not kept:
         reasons = "; ".join(str(record) for record in bad[:3])
+        query = "" if source.query.is_open else f", {source.query}"
         raise SourceError(
-            f"no usable scenario in '{source.path}' (split {source.split})"
+            f"no usable scenario in '{source.path}' (split {source.split}{query})"
             + (f": {reasons}" if reasons else ".")
         )
     return kept
+
+
+def wanted_numbers(source: Source) -> list[int]:
+    """Returns the numbers of the records of a store that a source wants.
+
+    Raises:
+        FileNotFoundError: if there is no finished store.
+        StoreError: if the store is damaged.
+    """
+    return [
+        number
+        for number, entry in enumerate(store.entries(pathlib.Path(source.path)))
+        if in_split(entry.scenario_id, source.split, source.test_share)
+        and source.query.matches(entry)
+    ][: source.max_scenarios]
+
+
+def _is_wanted(packed: Packed, source: Source) -> bool:
+    return in_split(packed.scenario_id, source.split, source.test_share) and (
+        source.query.is_open or source.query.matches(entry_of(packed))
+    )
 
 
 def in_split(scenario_id: str, split: Split, test_share: float) -> bool:
@@ -96,92 +125,33 @@ def in_split(scenario_id: str, split: Split, test_share: float) -> bool:
 
 
 def count(source: Source) -> int | None:
-    """Returns how many scenarios a source has, of all splits; None for bare files.
+    """Returns how many scenarios `load` looks at; None for bare files.
 
     Raises:
         FileNotFoundError: if there is no such store.
         StoreError: if the store is damaged.
         ValueError: if `synthetic:FIRST:COUNT` is malformed.
     """
-    if source.path.startswith(f"{SYNTHETIC}:"):
-        return len(synthetic_seeds(source.path))
-    path = pathlib.Path(source.path)
-    return len(store.Records(path)) if path.is_dir() else None
+    if source.is_store:
+        return len(wanted_numbers(source))
+    items = inputs_of(source.path)
+    if all(isinstance(item, range) for item in items):
+        return sum(len(item) for item in items if isinstance(item, range))
+    return None
 
 
 def _open(source: Source, bad: list[BadRecord]) -> Iterator[Packed]:
-    """Returns scenarios; bad records join the list on the way."""
-    path = pathlib.Path(source.path)
+    """Returns wanted scenarios; bad records join the list on the way."""
+    if source.is_store:
+        records: Any = store.Records(pathlib.Path(source.path))
+        numbers: Any = wanted_numbers(source)
+        dataset = grain.MapDataset.source(numbers).map(records.__getitem__)
+        yield from dataset.to_iter_dataset()
+        return
     config = PackConfig(quantize=source.quantize)
-    if source.path.startswith(f"{SYNTHETIC}:"):
-        seeds = synthetic_seeds(source.path)
-        return (pack(synthetic.generate(seed), config) for seed in seeds)
-    if path.is_dir():
-        records: Any = store.Records(path)
-        return iter(grain.MapDataset.source(records).to_iter_dataset())
-    return _read_files(matching_files(source.path), config, bad)
-
-
-def _read_files(
-    files: list[pathlib.Path], config: PackConfig, bad: list[BadRecord]
-) -> Iterator[Packed]:
-    for path in files:
-        for record in packed_records(path, config):
+    for item in inputs_of(source.path):
+        for record in packed_records(item, config):
             if isinstance(record, BadRecord):
                 bad.append(record)
             else:
                 yield record
-
-
-def packed_records(
-    path: pathlib.Path, config: PackConfig
-) -> Iterator[Packed | BadRecord]:
-    """Yields the records of a file packed, or why they cannot be used.
-
-    Raises:
-        OSError: if the file cannot be opened.
-    """
-    for index, record in enumerate(readers.read(path, config.timeline)):
-        if isinstance(record, BadRecord):
-            yield record
-            continue
-        try:
-            yield pack(record, config)
-        except ScenarioError as error:
-            yield BadRecord(path=path, record_index=index, reason=str(error))
-
-
-def synthetic_seeds(text: str) -> range:
-    """Returns the seeds of `synthetic:FIRST:COUNT`.
-
-    Raises:
-        ValueError: if it is malformed or the count is not positive.
-    """
-    parts = text.split(":")
-    if len(parts) != 3 or not all(part.isdecimal() for part in parts[1:]):
-        raise ValueError(
-            f"'{text}' is no source: write synthetic:FIRST:COUNT with two whole "
-            "numbers, for example synthetic:0:256."
-        )
-    first, count = int(parts[1]), int(parts[2])
-    if count < 1:
-        raise ValueError(f"'{text}' asks for no scenario: COUNT must be at least 1.")
-    return range(first, first + count)
-
-
-def matching_files(pattern: str) -> list[pathlib.Path]:
-    """Returns the files of a name or pattern, sorted.
-
-    Raises:
-        FileNotFoundError: if there is none.
-    """
-    paths = [pathlib.Path(name) for name in sorted(glob.glob(pattern, recursive=True))]
-    if pathlib.Path(pattern).is_file():
-        paths = [pathlib.Path(pattern)]
-    files = [path for path in paths if path.is_file()]
-    if not files:
-        raise FileNotFoundError(
-            f"no file matches '{pattern}'; name a store made by 'drivetrain prepare', "
-            "a file, a quoted pattern of files, or synthetic:FIRST:COUNT"
-        )
-    return files

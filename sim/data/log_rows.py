@@ -47,3 +47,12 @@ def num_rows(
     """Returns how many rows are stored of each object."""
     counts = np.bitwise_count(bits).sum(axis=1, dtype=np.int64)
     return np.where(is_still, np.minimum(counts, 1), counts)
+
+
+def valid_mask(
+    bits: Integer[np.ndarray, "objects words"], num_steps: int
+) -> Bool[np.ndarray, "objects steps"]:
+    """Returns the mask whose bits `valid_bits` made."""
+    octets = np.ascontiguousarray(bits).view(np.uint8)
+    mask = np.unpackbits(octets, axis=1, bitorder="little")
+    return mask[:, :num_steps].astype(bool)

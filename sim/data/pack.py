@@ -8,7 +8,7 @@ edges, the side of each edge vertex, arc lengths along the ego's paths.
 import dataclasses
 
 import numpy as np
-from jaxtyping import Bool, Float, Integer
+from jaxtyping import Float
 
 from ..scenario import (
     EDGES,
@@ -23,15 +23,11 @@ from ..scenario import (
 from . import edge_index, edge_sides, log_rows, routes, tiles, timeline as timelines
 from .feasibility import goal_feasible
 from .lane_directions import lane_directions, stop_sign_directions
+from .packed import JOINED, LIGHT_VALID, LIMIT_QUANTUM, QUANTUM, YAW_QUANTUM, Packed
 from .parts import seen_lights
 from .simplify import kept_points
 from .timeline import Timeline
 
-JOINED = 32  # added to the map type of a vertex from which a segment leads on
-LIGHT_VALID = 16  # added to the state of a light that was seen
-QUANTUM = 0.01  # metres, and metres per second
-YAW_QUANTUM = 2 * np.pi / 2**16  # radians
-LIMIT_QUANTUM = 0.25  # metres per second, of speed limits
 _MAX_INT16 = 2**15 - 1
 
 
@@ -55,67 +51,6 @@ class PackConfig:
             raise ValueError(
                 f"simplify must be a length of at least 0 m, got {self.simplify}."
             )
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
-class Packed:
-    """A packed scenario.
-
-    Objects are sorted: the ego first, then those the data set marks, then by their
-    least distance to the ego. Coordinates are `centre + quantum * stored`, in the
-    scenario's frame; adding `origin` gives the file's.
-    """
-
-    scenario_id: str
-    dataset: str
-    ego_source: str
-    route_source: str
-    dt: float
-    current_step: int
-    num_steps: int
-    origin: Float[np.ndarray, " 3"]
-    centre: Float[np.ndarray, " 3"]
-    quantum: float
-    object_id: Integer[np.ndarray, " objects"]
-    object_type: Integer[np.ndarray, " objects"]
-    object_size: Float[np.ndarray, "objects 3"]
-    goal_feasible: Bool[np.ndarray, " objects"]  # the log crosses no road edge
-    valid_bits: Integer[np.ndarray, "objects words"]  # bit t % 32 of word t // 32
-    is_still: Bool[np.ndarray, " objects"]  # the log has one row for all valid steps
-    poses: np.ndarray  # [rows, 3], object after object, else a row for each valid step
-    turns: np.ndarray  # [rows, 3]: yaw and velocity
-    vertices: np.ndarray  # [vertices, 3], first road edges, then stop signs
-    vertex_tag: Integer[np.ndarray, " vertices"]  # map type, plus JOINED
-    edge_normal: np.ndarray  # [edge vertices]: direction towards the road
-    num_stop_signs: int  # whose vertices follow those of the edges
-    stop_yaw: np.ndarray  # [stop signs]: direction of the lane that it stops
-    stop_has_lane: Bool[np.ndarray, " stop_signs"]  # whether the map tells it
-    index_corner: Float[np.ndarray, " 2"]
-    index_shape: Integer[np.ndarray, " 2"]
-    index_nodes: Integer[np.ndarray, " nodes"]
-    index_blocks: Integer[np.ndarray, " candidates"]
-    num_index_dropped: int
-    tile_corner: Float[np.ndarray, " 2"]
-    tile_shape: Integer[np.ndarray, " 2"]
-    tile_starts: Integer[np.ndarray, " tiles_plus_1"]
-    tile_pieces: Integer[np.ndarray, " vertices"]
-    tile_reach: float
-    light_xyz: np.ndarray  # [lights, 3]
-    light_state: Integer[np.ndarray, "lights steps"]  # state, plus LIGHT_VALID
-    light_yaw: np.ndarray  # [lights]: direction of the lane at the stop point
-    light_has_lane: Bool[np.ndarray, " lights"]  # whether the map has the lane
-    path_vertices: np.ndarray  # [path vertices, 2]
-    path_arc: Float[np.ndarray, " path_vertices"]  # along the path [m]
-    path_limit: Integer[np.ndarray, " path_vertices"]  # speed limit ahead, 0 for none
-    path_offset: Integer[np.ndarray, " paths_plus_1"]
-    path_on_route: Bool[np.ndarray, " paths"]
-    path_log_arc: Float[np.ndarray, "paths 2"]  # of the first and last logged position
-
-    @property
-    def num_bytes(self) -> int:
-        """How many bytes the arrays take."""
-        values = (getattr(self, field.name) for field in dataclasses.fields(self))
-        return sum(value.nbytes for value in values if isinstance(value, np.ndarray))
 
 
 def pack(scenario: Scenario, config: PackConfig) -> Packed:
@@ -163,6 +98,7 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
         dataset=scenario.dataset,
         ego_source=scenario.ego_source,
         route_source=paths.source,
+        assumptions="; ".join(scenario.assumptions),
         dt=scenario.dt,
         current_step=scenario.current_step,
         num_steps=scenario.num_steps,

@@ -1,26 +1,30 @@
 """Turns files of logs into a store, shard by shard, and continues where it was cut."""
 
+import concurrent.futures
 import dataclasses
-import functools
 import importlib.metadata
 import json
+import multiprocessing
 import pathlib
+import queue
+import signal
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-import numpy as np
-
-from . import loader, store
-from .base import BadRecord
-from .pack import QUANTUM, PackConfig, Packed
+from . import shard as shards, store
+from .inputs import Input
+from .pack import PackConfig
+from .packed import QUANTUM
+from .shard import Job, RecordError
 
 SHARD_BYTES = 2**26  # of input files per shard; a larger file makes a shard of its own
+SHARD_SEEDS = 256  # of the generator per shard
 PLAN = "plan.json"
+PATIENCE = 0.2  # seconds between looks at the workers
+VERSIONS = ("drivetrain", "numpy", "array-record")
 
-
-class RecordError(ValueError):
-    """Records that end a run; the message names the first, and why."""
+Tick = Callable[[int, int], None]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -43,64 +47,61 @@ class Summary:
 
 
 def prepare(
-    files: Sequence[pathlib.Path],
+    inputs: Sequence[Input],
     out: pathlib.Path,
     config: PackConfig,
     strict: bool = False,
-    tick: Callable[[int, int], None] = lambda num_files, num_scenarios: None,
+    tick: Tick = lambda num_inputs, num_scenarios: None,
+    workers: int = 1,
 ) -> Summary:
-    """Makes a store of files, or finishes one that an earlier run began.
+    """Makes a store of files or generated scenarios, or finishes one that was begun.
 
     Args:
-        files: of any known format.
+        inputs: files of any known format, and ranges of seeds of the generator.
         out: the folder of the store; made if it is not there.
         config: how scenarios are packed.
         strict: whether the first bad record ends the run.
-        tick: called after each record with the files and scenarios done.
+        tick: called now and then with the inputs (a seed counts as one) and scenarios
+            done.
+        workers: processes that make shards; the shards are the same for any number.
 
     Raises:
         RecordError: on the first bad record of a strict run, or if no record is usable;
-            then nothing is left behind
-            but what an earlier run had finished.
-        FileExistsError: if the folder holds something else, or a store of other files
+            then nothing is left behind but what an earlier run had finished.
+        FileExistsError: if the folder holds something else, or a store of other inputs
             or settings.
+        RuntimeError: if a worker was killed.
     """
-    is_new = _claim(out, _plan(files, config))
+    is_new = _claim(out, _plan(inputs, config))
+    jobs = [
+        Job(out / f"shard-{number:05d}.array_record", group, config, strict)
+        for number, group in enumerate(_groups(inputs))
+    ]
     try:
-        shards = _shards(files, out, config, strict, tick)
-        bad = [record for shard in shards for record in shard["bad"]]
+        made, num_continued = _make(jobs, tick, workers)
+        bad = [record for shard in made for record in shard["bad"]]
         if strict and bad:
             record = bad[0]
             raise RecordError(
                 f"{record['file']}, record {record['record']}: {record['reason']}"
             )
-        entries = [entry for shard in shards for entry in shard["scenarios"]]
+        entries = [entry for shard in made for entry in shard["scenarios"]]
         if not entries:
-            first = bad[0] if bad else {"file": files[0], "reason": "it has no record"}
+            first = bad[0] if bad else {"file": inputs[0], "reason": "it has no record"}
             raise RecordError(
-                f"no usable scenario in {len(files)} files; the first record left out "
+                f"no usable scenario in {len(inputs)} files; the first record left out "
                 f"is of {first['file']}: {first['reason']}"
             )
     except RecordError:
         if is_new:
             _clear(out)
         raise
+    store.write_json(out / store.MANIFEST, _manifest(jobs, made, config))
     counts = Counter(entry["scenario_id"] for entry in entries)
-    store.write_json(
-        out / store.MANIFEST,
-        {
-            "format_version": store.FORMAT_VERSION,
-            "drivetrain": importlib.metadata.version("drivetrain"),
-            "pack": dataclasses.asdict(config),
-            "num_scenarios": len(entries),
-            "num_bad_records": len(bad),
-            "shards": [{"name": s["name"], "sha256": s["sha256"]} for s in shards],
-        },
-    )
     return Summary(
         num_scenarios=len(entries),
-        num_shards=len(shards),
-        num_continued=sum(shard["continued"] for shard in shards),
+        num_shards=len(made),
+        num_continued=num_continued,
         num_bytes=sum(entry["num_bytes"] for entry in entries),
         num_coarse=sum(entry["quantum"] > QUANTUM for entry in entries),
         num_index_dropped=sum(entry["num_index_dropped"] for entry in entries),
@@ -109,10 +110,34 @@ def prepare(
     )
 
 
-def _plan(files: Sequence[pathlib.Path], config: PackConfig) -> dict[str, Any]:
+def _manifest(
+    jobs: Sequence[Job], made: Sequence[dict[str, Any]], config: PackConfig
+) -> dict[str, Any]:
+    entries = [entry for shard in made for entry in shard["scenarios"]]
+    return {
+        "format_version": store.FORMAT_VERSION,
+        "versions": {name: importlib.metadata.version(name) for name in VERSIONS},
+        "pack": dataclasses.asdict(config),
+        "num_scenarios": len(entries),
+        "num_bad_records": sum(len(shard["bad"]) for shard in made),
+        "datasets": dict(Counter(entry["dataset"] for entry in entries)),
+        "route_sources": dict(Counter(entry["route_source"] for entry in entries)),
+        "shards": [
+            {"name": job.path.name, "sha256": shard["sha256"]}
+            for job, shard in zip(jobs, made, strict=True)
+        ],
+    }
+
+
+def _plan(inputs: Sequence[Input], config: PackConfig) -> dict[str, Any]:
     """Returns what a store is made of: a store of another plan is another store."""
-    inputs = [[str(path.resolve()), path.stat().st_size] for path in files]
-    return {"pack": dataclasses.asdict(config), "files": inputs}
+    named = [
+        [f"synthetic:{item.start}:{len(item)}", len(item)]
+        if isinstance(item, range)
+        else [str(item.resolve()), item.stat().st_size]
+        for item in inputs
+    ]
+    return {"pack": dataclasses.asdict(config), "inputs": named}
 
 
 def _claim(out: pathlib.Path, plan: dict[str, Any]) -> bool:
@@ -135,70 +160,138 @@ def _claim(out: pathlib.Path, plan: dict[str, Any]) -> bool:
     return True
 
 
-def _groups(files: Sequence[pathlib.Path]) -> Iterator[list[pathlib.Path]]:
-    """Yields the files of each shard: the same files make the same shards."""
-    group: list[pathlib.Path] = []
-    size = 0
-    for path in files:
-        group.append(path)
-        size += path.stat().st_size
-        if size >= SHARD_BYTES:
+def _groups(inputs: Sequence[Input]) -> Iterator[list[Input]]:
+    """Yields the inputs of each shard: the same inputs make the same shards."""
+    group: list[Input] = []
+    share = 0.0
+    for item in (part for whole in inputs for part in _parts(whole)):
+        group.append(item)
+        if isinstance(item, range):
+            share += len(item) / SHARD_SEEDS
+        else:
+            share += item.stat().st_size / SHARD_BYTES
+        if share >= 1:
             yield group
-            group, size = [], 0
+            group, share = [], 0.0
     if group:
         yield group
 
 
-def _shards(files, out, config, strict, tick) -> list[dict[str, Any]]:
-    """Writes the shards that are not there yet, and returns the lists of all."""
-    shards: list[dict[str, Any]] = []
-    num_files = num_scenarios = 0
-    for number, group in enumerate(_groups(files)):
-        path = out / f"shard-{number:05d}.array_record"
-        listing = path.with_suffix(".json")
-        shard = _finished(path, listing)
-        continued = shard is not None
-        if shard is None:
-            progress = functools.partial(_add, tick, num_files, num_scenarios)
-            shard = _write_shard(path, group, config, strict, progress)
-            store.write_json(listing, shard)
-        shards.append({**shard, "name": path.name, "continued": continued})
-        num_files += len(group)
-        num_scenarios += len(shard["scenarios"])
-        tick(num_files, num_scenarios)
-    return shards
+def _parts(item: Input) -> Iterator[Input]:
+    if isinstance(item, range):
+        yield from (item[i : i + SHARD_SEEDS] for i in range(0, len(item), SHARD_SEEDS))
+    else:
+        yield item
 
 
-def _finished(path, listing) -> dict[str, Any] | None:
-    """Returns the list of a shard that an earlier run finished, if it is whole."""
-    if not (listing.is_file() and path.is_file()):
-        return None
-    shard = json.loads(listing.read_text())
-    return shard if shard["sha256"] == store.file_digest(path) else None
+def _make(
+    jobs: Sequence[Job], tick: Tick, workers: int
+) -> tuple[list[dict[str, Any]], int]:
+    """Makes the shards that are not there yet.
+
+    Returns:
+        The lists of all shards, and how many were there.
+    """
+    made = {}
+    count = _Count(tick)
+    for number, job in enumerate(jobs):
+        if (shard := shards.finished(job)) is not None:
+            made[number] = shard
+            count.add(number, _num_inputs(job), len(shard["scenarios"]))
+    num_continued = len(made)
+    rest = [number for number in range(len(jobs)) if number not in made]
+    if workers > 1 and len(rest) > 1:
+        made |= _in_parallel(jobs, rest, count, min(workers, len(rest)))
+    else:
+        for number in rest:
+            made[number] = _one(jobs[number], number, count.add)
+    return [made[number] for number in range(len(jobs))], num_continued
 
 
-def _add(tick, files_before, scenarios_before, num_files, num_scenarios) -> None:
-    tick(files_before + num_files, scenarios_before + num_scenarios)
+def _one(job: Job, number: int, add: Callable[[int, int, int], None]) -> dict[str, Any]:
+    """Makes one shard; `add` learns its number and what is done of it."""
+    sizes = [len(item) if isinstance(item, range) else 0 for item in job.inputs]
+    seeds_before = [sum(sizes[:i]) for i in range(len(sizes))]
+
+    def tick(num_inputs: int, num_scenarios: int) -> None:
+        is_seeds = bool(sizes[num_inputs])
+        done = num_scenarios if is_seeds else num_inputs + seeds_before[num_inputs]
+        add(number, done, num_scenarios)
+
+    shard = shards.make(job, tick)
+    add(number, _num_inputs(job), len(shard["scenarios"]))
+    return shard
 
 
-def _write_shard(path, group, config, strict, tick) -> dict[str, Any]:
-    bad: list[dict[str, Any]] = []
-    entries: list[dict[str, Any]] = []
+def _num_inputs(job: Job) -> int:
+    return sum(len(i) if isinstance(i, range) else 1 for i in job.inputs)
 
-    def scenarios() -> Iterator[Packed]:
-        for number, file in enumerate(group):
-            for record in loader.packed_records(file, config):
-                if isinstance(record, BadRecord):
-                    if strict:
-                        raise RecordError(str(record))
-                    bad.append(_bad_entry(record))
-                else:
-                    entries.append(_entry(record))
-                    yield record
-                tick(number, len(entries))
 
-    digest = store.write_shard(path, scenarios())
-    return {"sha256": digest, "bad": bad, "scenarios": entries}
+class _Count:
+    """Adds up what is done of all shards."""
+
+    def __init__(self, tick: Tick):
+        self._tick = tick
+        self._done: dict[int, tuple[int, int]] = {}
+        self._total = [0, 0]
+
+    def add(self, number: int, num_inputs: int, num_scenarios: int) -> None:
+        """Notes what is done of one shard."""
+        before = self._done.get(number, (0, 0))
+        self._done[number] = (num_inputs, num_scenarios)
+        self._total[0] += num_inputs - before[0]
+        self._total[1] += num_scenarios - before[1]
+        self._tick(*self._total)
+
+
+def _in_parallel(
+    jobs: Sequence[Job], numbers: Sequence[int], count: _Count, workers: int
+) -> dict[int, dict[str, Any]]:
+    context = multiprocessing.get_context("spawn")
+    news = context.Queue()
+    pool = concurrent.futures.ProcessPoolExecutor(
+        workers, context, initializer=_start_worker, initargs=(news,)
+    )
+    futures = {pool.submit(_work, jobs[number], number): number for number in numbers}
+    waiting = set(futures)
+    try:
+        while waiting:
+            done, waiting = concurrent.futures.wait(
+                waiting, PATIENCE, concurrent.futures.FIRST_EXCEPTION
+            )
+            _tell(news, count)
+            for future in done:
+                future.result()  # raises what the worker raised
+    except concurrent.futures.process.BrokenProcessPool as error:
+        raise RuntimeError(
+            "a worker of prepare was killed, perhaps for want of memory; run the same "
+            "command again to continue, with fewer --workers"
+        ) from error
+    except BaseException:
+        for process in list((pool._processes or {}).values()):
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+    return {number: future.result() for future, number in futures.items()}
+
+
+def _tell(news: Any, count: _Count) -> None:
+    """Passes on what the workers have done since the last look."""
+    while True:
+        try:
+            count.add(*news.get_nowait())
+        except queue.Empty:
+            return
+
+
+def _start_worker(news: Any) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends the work
+    globals()["_news"] = news
+
+
+def _work(job: Job, number: int) -> dict[str, Any]:
+    return _one(job, number, lambda *found: globals()["_news"].put(found))
 
 
 def _clear(out: pathlib.Path) -> None:
@@ -206,24 +299,3 @@ def _clear(out: pathlib.Path) -> None:
     for path in [out / PLAN, *out.glob("shard-*")]:
         path.unlink(missing_ok=True)
     out.rmdir()
-
-
-def _bad_entry(record: BadRecord) -> dict[str, Any]:
-    index = record.record_index
-    return {"file": str(record.path), "record": index, "reason": record.reason}
-
-
-def _entry(packed: Packed) -> dict[str, Any]:
-    return {
-        "scenario_id": packed.scenario_id,
-        "dataset": packed.dataset,
-        "ego_source": packed.ego_source,
-        "route_source": packed.route_source,
-        "num_steps": packed.num_steps,
-        "num_objects": len(packed.object_id),
-        "num_vertices": len(packed.vertices),
-        "num_lights": len(packed.light_xyz),
-        "num_index_dropped": packed.num_index_dropped,
-        "num_bytes": packed.num_bytes,
-        "quantum": packed.quantum if packed.poses.dtype == np.int16 else 0.0,
-    }

@@ -17,10 +17,12 @@ from typing import Any
 import grain
 import msgpack
 import numpy as np
+import orjson
 from array_record.python import array_record_module  # pyright: ignore
 
 from .. import files
-from .pack import Packed
+from .entry import Entry
+from .packed import Packed
 
 FORMAT_VERSION = 3
 MANIFEST = "manifest.json"
@@ -74,7 +76,32 @@ def _decode_value(value: Any) -> Any:
 
 def write_json(path: pathlib.Path, value: Any) -> None:
     """Writes JSON so that the file is either whole or not there."""
-    files.write_whole(path, json.dumps(value, indent=1) + "\n")
+    files.write_whole(path, orjson.dumps(value, option=orjson.OPT_INDENT_2))
+
+
+def read_json(path: pathlib.Path) -> Any:
+    """Returns what `write_json` wrote."""
+    return orjson.loads(path.read_bytes())
+
+
+def entries(path: pathlib.Path) -> list[Entry]:
+    """Returns what the manifest says of each scenario of a store, in their order.
+
+    Raises:
+        FileNotFoundError: if there is no finished store.
+        StoreError: if the store is damaged.
+    """
+    found: list[Entry] = []
+    for shard in shard_paths(path):
+        listing = shard.with_suffix(".json")
+        try:
+            found += [Entry(**fields) for fields in read_json(listing)["scenarios"]]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise StoreError(
+                f"'{listing}' is damaged or missing ({error}); delete it and run "
+                "prepare again with the same files"
+            ) from error
+    return found
 
 
 def write_shard(path: pathlib.Path, scenarios: Iterable[Packed]) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .. import geometry, map_search
-from ..data import pack, tiles
+from ..data import packed, tiles
 from ..data.bank import Bank
 from ..motion import Motion
 from ..native import library
@@ -199,14 +199,14 @@ def _road(config, offsets, frame: EgoFrame, bank: Bank, index):
     first = bank.first_vertex[index]
     piece = first + bank.tile_pieces[first + listed].astype(jnp.int32)
     tag = bank.vertex_tag[piece]
-    joined = (tag >= pack.JOINED).astype(jnp.int32)
+    joined = (tag >= packed.JOINED).astype(jnp.int32)
     begin, finish = (
         bank.centre[index, None, :2] + bank.quantum[index] * bank.vertices[vertex, :2]
         for vertex in (piece, piece + joined)
     )
     half = (finish - begin) / 2
     length = geometry.norm(half)
-    kind = tag.astype(jnp.int32) % pack.JOINED
+    kind = tag.astype(jnp.int32) % packed.JOINED
     features = [
         frame.place(begin + half),
         geometry.to_frame(half, frame.yaw) / jnp.maximum(length, 1e-6)[:, None],

@@ -10,7 +10,8 @@ import pytest
 
 from drivetrain.sim.data import bank, synthetic
 from drivetrain.sim.data.bank import Bank, Sizes
-from drivetrain.sim.data.pack import PackConfig, Packed, pack
+from drivetrain.sim.data.pack import PackConfig, pack
+from drivetrain.sim.data.packed import Packed
 from drivetrain.sim.scenario import EDGES, Scenario
 from drivetrain.sim.scene import Scene
 from tests.sim.data import files

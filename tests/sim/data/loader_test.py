@@ -5,9 +5,10 @@ import pathlib
 import orjson
 import pytest
 
-from drivetrain.sim.data import loader, prepare, store, synthetic
+from drivetrain.sim.data import inputs, loader, prepare, store, synthetic
 from drivetrain.sim.data.loader import Source, SourceError
-from drivetrain.sim.data.pack import PackConfig, Packed, pack
+from drivetrain.sim.data.pack import PackConfig, pack
+from drivetrain.sim.data.packed import Packed
 from tests.sim.data import files
 
 NUM_FILES = 6
@@ -194,6 +195,6 @@ def test_a_name_with_brackets_is_a_file_if_there_is_one(folder):
 def test_files_of_a_pattern_come_sorted_and_without_folders(folder):
     (folder / "a.json").mkdir()
 
-    found = loader.matching_files(str(folder / "*.json"))
+    found = inputs.matching_files(str(folder / "*.json"))
 
     assert found == [folder / f"{seed}.json" for seed in range(NUM_FILES)]

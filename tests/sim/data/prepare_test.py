@@ -2,13 +2,18 @@
 
 import json
 import pathlib
+import random
+import signal
+import subprocess
+import sys
+import time
 
 import orjson
 import pytest
 
-from drivetrain.sim.data import prepare, store
+from drivetrain.sim.data import bank, prepare, store
 from drivetrain.sim.data.pack import PackConfig
-from drivetrain.sim.data.prepare import RecordError
+from drivetrain.sim.data.shard import RecordError
 from tests.sim.data import files, protos
 
 NUM_FILES = 5
@@ -69,7 +74,7 @@ def test_a_store_holds_the_scenarios_of_its_files_in_order(paths, out):
     assert [packed.scenario_id for packed in store.read(out)] == wanted
     assert summary.num_scenarios == len(wanted)
     assert summary.num_shards == NUM_FILES
-    assert summary.num_bytes == sum(packed.num_bytes for packed in store.read(out))
+    assert summary.num_bytes == sum(map(bank.num_bytes, store.read(out)))
     assert (summary.num_continued, summary.bad, summary.duplicates) == (0, [], [])
 
 
@@ -261,3 +266,93 @@ def test_formats_may_be_mixed(paths, out, tmp_path):
     assert summary.num_scenarios == 3
     listing = json.loads((out / "shard-00001.json").read_text())
     assert listing["scenarios"][0]["scenario_id"] == f"{77:016x}"
+
+
+def test_several_workers_make_the_same_bytes(paths, out):
+    spoil(paths[3])
+    prepare.prepare(paths, out, PackConfig())
+    calls = []
+
+    other = out.with_name("other")
+    prepare.prepare(paths, other, PackConfig(), False, lambda *c: calls.append(c), 2)
+
+    assert contents(other) == contents(out)
+    assert calls[-1] == (NUM_FILES, 2 * NUM_FILES)
+
+
+def test_a_bad_record_in_a_worker_ends_a_strict_run(paths, out):
+    spoil(paths[3])
+
+    with pytest.raises(RecordError, match=r"3.tfrecord, record 1: "):
+        prepare.prepare(paths, out, PackConfig(), strict=True, workers=2)
+
+    assert not out.exists()
+
+
+def test_generated_scenarios_are_dealt_out_to_shards(out, monkeypatch):
+    monkeypatch.setattr(prepare, "SHARD_SEEDS", 3)
+    calls = []
+
+    prepare.prepare(
+        [range(5, 12)], out, PackConfig(), False, lambda *c: calls.append(c)
+    )
+
+    seeds = [int(one.scenario_id.split("-")[1]) for one in store.read(out)]
+    assert seeds == list(range(5, 12))
+    assert len(store.shard_paths(out)) == 3
+    assert calls == sorted(calls) and calls[-1] == (7, 7)
+
+
+def test_the_manifest_counts_what_is_in_the_store(paths, out, tmp_path):
+    document = files.json_document(files.scenario(77))
+    (tmp_path / "one.json").write_bytes(orjson.dumps(document))
+
+    prepare.prepare([*paths, tmp_path / "one.json"], out, PackConfig())
+
+    manifest = store.read_manifest(out)
+    assert manifest["datasets"] == {"womd_scenario": 2 * NUM_FILES, "womd_json": 1}
+    assert sum(manifest["route_sources"].values()) == 2 * NUM_FILES + 1
+    assert manifest["pack"]["timeline"]["other_rates"] == "resample"
+    entries = store.entries(out)
+    assert [entry.scenario_id for entry in entries] == [
+        packed.scenario_id for packed in store.read(out)
+    ]
+
+
+KILLED = """
+import pathlib, sys
+from drivetrain.sim.data import prepare
+from drivetrain.sim.data.pack import PackConfig
+
+if __name__ == "__main__":
+    prepare.SHARD_BYTES = 1
+    *paths, out = map(pathlib.Path, sys.argv[1:])
+    print("begins", flush=True)
+    prepare.prepare(paths, out, PackConfig(), workers=1)
+"""
+
+
+def test_a_run_killed_at_any_moment_is_continued_to_the_same_bytes(paths, out):
+    undisturbed = out.with_name("undisturbed")
+    prepare.prepare(paths, undisturbed, PackConfig())
+    draw = random.Random(0)
+    num_killed = 0
+    for _ in range(4):
+        words = [sys.executable, "-c", KILLED, *map(str, paths), str(out)]
+        process = subprocess.Popen(words, stdout=subprocess.PIPE)
+        assert process.stdout is not None
+        process.stdout.readline()
+        time.sleep(draw.uniform(0.0, 0.2))
+        process.send_signal(signal.SIGKILL)
+        num_killed += process.wait() == -signal.SIGKILL
+        process.stdout.close()
+
+    prepare.prepare(paths, out, PackConfig())
+
+    assert num_killed
+    found = contents(out)
+    leftover = {name for name in found if name.endswith((".partial", ".part"))}
+    assert {name: found[name] for name in found.keys() - leftover} == contents(
+        undisturbed
+    )
+    assert not leftover

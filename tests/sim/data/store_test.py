@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from drivetrain.sim.data import store, synthetic
-from drivetrain.sim.data.pack import PackConfig, Packed, pack
+from drivetrain.sim.data.pack import PackConfig, pack
+from drivetrain.sim.data.packed import Packed
 from tests.sim.data import files
 
 NUM_MUTATIONS = 200

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from drivetrain.sim.data import tiles
-from drivetrain.sim.data.pack import JOINED, PackConfig, pack
+from drivetrain.sim.data.pack import PackConfig, pack
+from drivetrain.sim.data.packed import JOINED
 from drivetrain.sim.scenario import ScenarioError
 from tests import worlds
 

@@ -10,7 +10,7 @@ import numpy as np
 from drivetrain.sim import rewards
 from drivetrain.sim.data import bank as banks
 from drivetrain.sim.data.bank import Sizes
-from drivetrain.sim.data.pack import Packed
+from drivetrain.sim.data.packed import Packed
 from drivetrain.sim.dynamics import build as dynamics
 from drivetrain.sim.env import controlled, drivers
 from drivetrain.sim.env.base import Environment, Team

@@ -1,0 +1,100 @@
+"""Runs the commands that make stores of scenarios and say what is in them."""
+
+import os
+import pathlib
+from typing import Annotated
+
+import tyro
+from rich import console as rich_console
+
+from ..sim.data import inputs, prepare as preparing
+from ..sim.data.pack import PackConfig
+from ..sim.data.timeline import Timeline
+from .progress import progress
+
+
+def prepare(
+    paths: Annotated[
+        tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILES… OUT")
+    ],
+    /,
+    simplify: float = PackConfig.simplify,
+    quantize: bool = PackConfig.quantize,
+    timeline: Timeline = PackConfig.timeline,
+    strict: bool = False,
+    workers: int | None = None,
+) -> None:
+    """Makes a store of scenarios from files of driving logs.
+
+    drivetrain prepare 'womd/*.tfrecord*' data/womd
+    drivetrain prepare synthetic:0:10000 data/town
+
+    Formats are told from the content, plain or gzip: WOMD Scenario and tf.Example
+    TFRecords, WOMD JSON (Nocturne, GPUDrive), ScenarioNet pickles, Argoverse 2 (name
+    the .parquet files), CommonRoad XML, PufferDrive .bin. A run that was cut continues
+    where it was.
+
+    Args:
+        paths: files, quoted patterns of files or synthetic:FIRST:COUNT for generated
+            scenarios, and last the folder of the store.
+        simplify: how far simplified map lines may lie from the logged ones [m].
+        quantize: keep 16-bit numbers (1 cm, 1 cm/s); else float32, and nothing is
+            simplified.
+        timeline: how logs come to steps of 0.1 s. other-rates: resample those of other
+            steps, or refuse them. current-step: the last step of history, from which
+            the simulation starts; by default as the format has it (10; 49 in
+            Argoverse 2).
+        strict: stop at the first record that cannot be used.
+        workers: processes that share the work; by default one for each core.
+    """
+    if len(paths) < 2:
+        raise ValueError(
+            "prepare needs files and the folder of the store: drivetrain prepare "
+            "'womd/*.tfrecord*' data/womd"
+        )
+    if workers is not None and workers < 1:
+        raise ValueError(f"workers must be at least 1, got {workers}.")
+    items = [item for text in paths[:-1] for item in inputs.inputs_of(text)]
+    total = sum(len(item) if isinstance(item, range) else 1 for item in items)
+    out = pathlib.Path(paths[-1])
+    settings = PackConfig(simplify=simplify, quantize=quantize, timeline=timeline)
+    with progress("preparing", total, unit="inputs") as line:
+        summary = preparing.prepare(
+            items,
+            out,
+            settings,
+            strict,
+            lambda done, num: line.update(done, f"{num:,} scenarios"),
+            workers or os.cpu_count() or 1,
+        )
+    _print_summary(summary, out)
+
+
+def _print_summary(summary: preparing.Summary, out: pathlib.Path) -> None:
+    console = rich_console.Console(highlight=False, markup=False, soft_wrap=True)
+    mean = summary.num_bytes / summary.num_scenarios / 1e3
+    console.print(
+        f"{summary.num_scenarios:,} scenarios in {summary.num_shards} shard(s) in "
+        f"{out}, {mean:.1f} KB each; {len(summary.bad)} record(s) left out"
+    )
+    if summary.num_continued:
+        console.print(f"{summary.num_continued} shard(s) were there already")
+    for reason, count in summary.reasons():
+        console.print(f"  {count} x {reason}")
+    for bad in summary.bad:
+        console.print(f"  {bad['file']}, record {bad['record']}: {bad['reason']}")
+    if summary.num_coarse:
+        console.print(
+            f"{summary.num_coarse} scenario(s) are wider than 655 m and kept to more "
+            "than 1 cm; --no-quantize keeps float32"
+        )
+    if summary.num_index_dropped:
+        console.print(
+            f"{summary.num_index_dropped:,} candidates for the nearest road edge did "
+            "not fit into cells of 1 m; the nearest ones were kept"
+        )
+    if summary.duplicates:
+        console.print(
+            f"{len(summary.duplicates)} scenario id(s) came more than once, for "
+            f"example {summary.duplicates[0]}"
+        )
