@@ -28,9 +28,14 @@ class Loaded:
     @property
     def one_shard(self) -> Bank:
         """The shapes of the bank of one device."""
-        return jax.tree.map(
-            lambda leaf: jax.ShapeDtypeStruct(leaf.shape[1:], leaf.dtype), self.bank
-        )
+        return one_shard(self.bank)
+
+
+def one_shard(bank: Bank) -> Bank:
+    """Returns the shapes of the bank of one device."""
+    return jax.tree.map(
+        lambda leaf: jax.ShapeDtypeStruct(leaf.shape[1:], leaf.dtype), bank
+    )
 
 
 def load(source: loader.Source, max_objects: int, mesh: Mesh) -> Loaded:

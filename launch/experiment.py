@@ -15,6 +15,7 @@ from ..sim.data import loader
 from ..sim.data.bank import Bank
 from ..sim.data.loader import Split
 from ..sim.data.query import EVERYTHING, Query
+from ..sim.data.stream import StreamConfig
 from ..sim.dynamics import build as dynamics
 from ..sim.env.base import Environment
 from ..sim.env.demonstrations import demonstrations
@@ -32,6 +33,7 @@ class Experiment:
     test_share: float = 1 / 3  # of the scenarios, for the splits train and test
     query: Query = EVERYTHING  # which of them, by what is known of them
     max_scenarios: int | None = None
+    stream: StreamConfig = field(default_factory=StreamConfig)
     max_objects: int = 128  # of a scenario, those that matter most to the ego
     dynamics: str = "bicycle_discrete"  # of the ego: the action space
     observation: VectorConfig = field(default_factory=VectorConfig)
@@ -63,6 +65,12 @@ class Experiment:
                     f"{whole} must be a multiple of {part}, got {getattr(self, whole)} "
                     f"and {getattr(self, part)}."
                 )
+        per_page = self.stream.updates_per_page
+        if self.stream.resident is not None and per_page % self.updates_per_call:
+            raise ValueError(
+                "stream.updates_per_page must be a multiple of updates_per_call, got "
+                f"{per_page} and {self.updates_per_call}."
+            )
         if not 0 <= self.seed < 2**32:
             raise ValueError(f"seed must be from 0 to 2^32 - 1, got {self.seed}.")
 

@@ -1,8 +1,9 @@
 """Trains an agent as a config says, and continues where a run was cut."""
 
-import hashlib
+import contextlib
 import pathlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import jax
 from rich import console as rich_console
@@ -11,10 +12,9 @@ from ..learners import checkpoint, mesh as meshes
 from ..learners.base import TrainState
 from ..learners.program import Program, compile_program, initial_state
 from ..sim import files
-from ..sim.data import store
-from ..sim.data.bank import Bank
-from . import banks, config, logbook
+from . import banks, config, feeds, logbook
 from .experiment import Experiment, agent, environment, learner
+from .feeds import Feed
 from .progress import progress
 
 CONFIG = "config.yaml"
@@ -41,20 +41,26 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
     env = environment(experiment.observation, experiment.dynamics, "playback")
     console = rich_console.Console(stderr=True)
     mesh = meshes.data_mesh()
-    loaded = banks.load(experiment.source, experiment.max_objects, mesh)
-    console.print(banks.describe(loaded), highlight=False, markup=False)
+    feed = feeds.open_feed(
+        experiment.source,
+        experiment.stream,
+        experiment.max_objects,
+        mesh,
+        experiment.seed,
+    )
+    console.print(feed.describe(), highlight=False, markup=False)
 
-    made = learner(experiment, agent(experiment, env, loaded.one_shard))
+    made = learner(experiment, agent(experiment, env, banks.one_shard(feed.bank)))
     program = compile_program(made, mesh, experiment.updates_per_call)
     state = initial_state(made, mesh, jax.random.key(experiment.seed))
     files.write_whole(folder / CONFIG, config.to_yaml(experiment))
 
-    identity = _identity(loaded)
     checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
     if checkpoints.steps():
         restored = checkpoints.restore(state)
-        _check_same(restored.metadata, identity, folder)
+        _check_same(restored.metadata, feed.identity, folder)
         state = restored.tree
+        feed.restore(restored.metadata["feed"])
         console.print(
             f"continuing {folder} at update {restored.step:,}",
             highlight=False,
@@ -62,18 +68,19 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
         )
 
     def save(state: TrainState, done: int) -> None:
-        checkpoints.save_async(done, state, identity)
+        checkpoints.save_async(done, state, {**feed.identity, "feed": feed.state()})
 
-    with logbook.Logbook(folder, resume_step=int(state.step)) as log:
-        state = _run(experiment, program, loaded.bank, state, log, save)
-        checkpoints.wait()
+    with contextlib.closing(feed):
+        with logbook.Logbook(folder, resume_step=int(state.step)) as log:
+            state = _run(experiment, program, feed, state, log, save)
+            checkpoints.wait()
     return state
 
 
 def _run(
     experiment: Experiment,
     program: Program,
-    bank: Bank,
+    feed: Feed,
     state: TrainState,
     log: logbook.Logbook,
     save: Callable[[TrainState, int], None],
@@ -81,10 +88,11 @@ def _run(
     done, total = int(state.step), experiment.updates
     with progress("training", total, unit="updates", start=done) as line:
         while done < total:
-            state, metrics = program(state, bank)
+            state, metrics = program(state, feed.bank)
             done += experiment.updates_per_call
+            feed.begin(done)
             scalars = {name: float(value) for name, value in metrics.items()}
-            log.write(done, scalars)
+            log.write(done, scalars | feed.exchange())
             line.update(done, f"loss {scalars['loss']:.3f}")
             is_last = done == total
             if is_last or done % experiment.updates_per_checkpoint == 0:
@@ -106,15 +114,10 @@ def _check_folder(folder: pathlib.Path, experiment: Experiment) -> None:
         )
 
 
-def _identity(loaded: banks.Loaded) -> dict[str, str | int]:
-    """Returns what a run must find again to go on as if it had not been cut."""
-    digest = hashlib.sha256()
-    for scenario in loaded.scenarios:
-        digest.update(store.encode(scenario))
-    return {"scenarios": digest.hexdigest(), "devices": loaded.num_devices}
-
-
-def _check_same(saved: dict, identity: dict, folder: pathlib.Path) -> None:
+def _check_same(
+    saved: Mapping[str, Any], identity: Mapping[str, Any], folder: pathlib.Path
+) -> None:
+    """Checks that a run finds again what it needs to go on as if it was not cut."""
     for name, value in identity.items():
         if saved.get(name) != value:
             raise ValueError(

@@ -1,4 +1,4 @@
-"""Compiles a learner for a mesh: the one place that shards and donates."""
+"""Compiles what runs on a mesh: the one place that shards and donates."""
 
 from collections.abc import Callable
 
@@ -57,3 +57,24 @@ def compile_program(learner: Learner, mesh: Mesh, updates_per_call: int) -> Prog
         out_specs=(everywhere, everywhere),
     )
     return jax.jit(sharded, donate_argnums=0)
+
+
+def compile_replacement() -> Callable[[Bank, Bank, Array], Bank]:
+    """Compiles what puts one page of a bank in the place of another.
+
+    Returns:
+        A function of the bank (donated), the page, both sharded along a leading axis of
+        devices, and the number of the page. Arrays of one number a device stay as they
+        are. It returns the bank.
+    """
+
+    def replace(bank: Bank, page: Bank, number: Array) -> Bank:
+        def put(whole: Array, part: Array) -> Array:
+            if part.ndim == 1:
+                return whole
+            start = number * part.shape[1]
+            return jax.lax.dynamic_update_slice_in_dim(whole, part, start, axis=1)
+
+        return jax.tree.map(put, bank, page)
+
+    return jax.jit(replace, donate_argnums=0)

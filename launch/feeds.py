@@ -1,0 +1,181 @@
+"""Feeds a training run: brings its scenarios onto the devices and exchanges them."""
+
+import dataclasses
+import hashlib
+import pathlib
+import time
+from collections.abc import Mapping
+from typing import Any, Protocol
+
+import jax
+import jax.numpy as jnp
+from jax.sharding import Mesh
+
+from ..learners import mesh as meshes
+from ..learners.program import compile_replacement
+from ..sim.data import store
+from ..sim.data.bank import Bank
+from ..sim.data.loader import Source
+from ..sim.data.stream import Stream, StreamConfig
+from . import banks
+
+
+class Feed(Protocol):
+    """What a training run drives on."""
+
+    bank: Bank  # every leaf sharded along a leading axis of devices
+    identity: Mapping[str, str | int]  # equal for runs on the same scenarios
+
+    def describe(self) -> str:
+        """Returns a line about what is on the devices."""
+        ...
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Goes on where a run was that had this state."""
+        ...
+
+    def state(self) -> Mapping[str, Any]:
+        """Returns what `restore` needs, as JSON can hold it."""
+        ...
+
+    def begin(self, done: int) -> None:
+        """Copies what comes next to the devices while the program runs.
+
+        Args:
+            done: updates after the call that runs.
+        """
+        ...
+
+    def exchange(self) -> dict[str, float]:
+        """Puts what has come into the bank, between two calls of the program.
+
+        Returns:
+            What it cost, to be logged; empty where nothing was exchanged.
+        """
+        ...
+
+    def close(self) -> None:
+        """Ends what runs beside the program."""
+        ...
+
+
+def open_feed(
+    source: Source, config: StreamConfig, max_objects: int, mesh: Mesh, seed: int
+) -> Feed:
+    """Brings scenarios onto the devices: all of them, or pages of a store.
+
+    Raises:
+        FileNotFoundError: if there is no such store or file.
+        ValueError: if there is no usable scenario, or they cannot be so divided.
+    """
+    if config.resident is None:
+        return Resident(banks.load(source, max_objects, mesh))
+    stream = Stream(source, config, max_objects, mesh.size, seed)
+    return Streaming(stream, config, mesh, _digest_of(source))
+
+
+def _digest_of(source: Source) -> str:
+    """Returns a hash of a store and of which of its scenarios are wanted."""
+    shards = store.read_manifest(pathlib.Path(source.path))["shards"]
+    wanted = dataclasses.replace(source, path="")
+    text = repr(([shard["sha256"] for shard in shards], wanted))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+class Resident:
+    """All scenarios, on the devices for good."""
+
+    def __init__(self, loaded: banks.Loaded):
+        """Keeps what is loaded."""
+        self.bank = loaded.bank
+        self._loaded = loaded
+        digest = hashlib.sha256()
+        for scenario in loaded.scenarios:
+            digest.update(store.encode(scenario))
+        self.identity: Mapping[str, str | int] = {
+            "scenarios": digest.hexdigest(),
+            "devices": loaded.num_devices,
+        }
+
+    def describe(self) -> str:
+        """Returns a line about the bank."""
+        return banks.describe(self._loaded)
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Does nothing: the bank never changes."""
+
+    def state(self) -> Mapping[str, Any]:
+        """Returns nothing: the bank never changes."""
+        return {}
+
+    def begin(self, done: int) -> None:
+        """Does nothing: nothing comes."""
+
+    def exchange(self) -> dict[str, float]:
+        """Does nothing: nothing has come."""
+        return {}
+
+    def close(self) -> None:
+        """Does nothing: nothing runs."""
+
+
+class Streaming:
+    """Pages of a store, one of which is exchanged now and then."""
+
+    def __init__(self, stream: Stream, config: StreamConfig, mesh: Mesh, digest: str):
+        """Fills the bank."""
+        self._stream, self._config, self._mesh = stream, config, mesh
+        self._replace = compile_replacement()
+        self._coming: tuple[int, Bank, float] | None = None
+        self._state: Mapping[str, Any] = {}
+        self.identity: Mapping[str, str | int] = {
+            "scenarios": digest,
+            "devices": mesh.size,
+        }
+        self._fill(None)
+
+    def _fill(self, state: Mapping[str, Any] | None) -> None:
+        self.bank = meshes.shard(self._mesh, self._stream.fill(state))
+        self._state = self._stream.state
+
+    def describe(self) -> str:
+        """Returns a line about the bank and what streams through it."""
+        num_bytes = sum(leaf.nbytes for leaf in jax.tree.leaves(self.bank))
+        return (
+            f"{self._config.resident:,} of {self._stream.num_scenarios:,} scenarios on "
+            f"{self._mesh.size} device(s), {num_bytes / 1e6:,.1f} MB; one of "
+            f"{self._config.pages} pages replaced every "
+            f"{self._config.updates_per_page:,} updates"
+        )
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Goes on where a run was that had this state."""
+        self._fill(state)
+
+    def state(self) -> Mapping[str, Any]:
+        """Returns which records are in the bank, and which come."""
+        return self._state
+
+    def begin(self, done: int) -> None:
+        """Sends the next page to the devices, if it is due."""
+        if done % self._config.updates_per_page == 0:
+            began = time.perf_counter()
+            page = self._stream.take()
+            waited = time.perf_counter() - began
+            self._coming = page.number, meshes.shard(self._mesh, page.bank), waited
+            self._state = page.state
+
+    def exchange(self) -> dict[str, float]:
+        """Puts the page that came in the place of the oldest."""
+        if self._coming is None:
+            return {}
+        (number, page, waited), self._coming = self._coming, None
+        began = time.perf_counter()
+        self.bank = self._replace(self.bank, page, jnp.int32(number))
+        jax.block_until_ready(self.bank)
+        stalled = time.perf_counter() - began
+        return {"page_wait_ms": 1e3 * waited, "page_stall_ms": 1e3 * stalled}
+
+    def close(self) -> None:
+        """Ends the thread that makes pages."""
+        self._stream.close()
