@@ -1,11 +1,12 @@
 """Feeds a training run: brings its scenarios onto the devices and exchanges them."""
 
+import abc
 import dataclasses
 import hashlib
 import pathlib
 import time
 from collections.abc import Mapping
-from typing import Any, Protocol
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,43 +21,43 @@ from ..sim.data.stream import Stream, StreamConfig
 from . import banks
 
 
-class Feed(Protocol):
+class Feed(abc.ABC):
     """What a training run drives on."""
 
     bank: Bank  # every leaf sharded along a leading axis of devices
     identity: Mapping[str, str | int]  # equal for runs on the same scenarios
 
+    @abc.abstractmethod
     def describe(self) -> str:
         """Returns a line about what is on the devices."""
-        ...
 
+    @abc.abstractmethod
     def restore(self, state: Mapping[str, Any]) -> None:
         """Goes on where a run was that had this state."""
-        ...
 
+    @abc.abstractmethod
     def state(self) -> Mapping[str, Any]:
         """Returns what `restore` needs, as JSON can hold it."""
-        ...
 
+    @abc.abstractmethod
     def begin(self, done: int) -> None:
         """Copies what comes next to the devices while the program runs.
 
         Args:
             done: updates after the call that runs.
         """
-        ...
 
+    @abc.abstractmethod
     def exchange(self) -> dict[str, float]:
         """Puts what has come into the bank, between two calls of the program.
 
         Returns:
             What it cost, to be logged; empty where nothing was exchanged.
         """
-        ...
 
+    @abc.abstractmethod
     def close(self) -> None:
         """Ends what runs beside the program."""
-        ...
 
 
 def open_feed(
@@ -82,7 +83,7 @@ def _digest_of(source: Source) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-class Resident:
+class Resident(Feed):
     """All scenarios, on the devices for good."""
 
     def __init__(self, loaded: banks.Loaded):
@@ -119,7 +120,7 @@ class Resident:
         """Does nothing: nothing runs."""
 
 
-class Streaming:
+class Streaming(Feed):
     """Pages of a store, one of which is exchanged now and then."""
 
     def __init__(self, stream: Stream, config: StreamConfig, mesh: Mesh, digest: str):

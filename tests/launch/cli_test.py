@@ -95,24 +95,39 @@ def test_the_expert_has_the_figures_of_the_log(
         assert dump["metric/progress"].shape == (91,)
 
 
+class Cut(KeyboardInterrupt):
+    """Somebody presses Ctrl-C."""
+
+
+def cut_after(step: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lets a training run be cut when it logs a step."""
+    write = logbook.Logbook.write
+
+    def write_then_cut(log, now, scalars):
+        write(log, now, scalars)
+        if now == step:
+            raise Cut
+
+    monkeypatch.setattr(logbook.Logbook, "write", write_then_cut)
+
+
+def checkpoint_hash(run: pathlib.Path, step: int) -> str:
+    """Returns the hash that lies beside a checkpoint."""
+    (found,) = [
+        json.loads(path.read_text())["custom_metadata"]["sha256"]
+        for path in (run / "checkpoints" / str(step)).glob("*METADATA*")
+        if "sha256" in path.read_text()
+    ]
+    return found
+
+
 @pytest.mark.parametrize("cut_at", [2, 4], ids=["before a checkpoint", "after one"])
 def test_a_run_that_was_cut_equals_one_that_was_not(
     drivetrain, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, cut_at: int
 ) -> None:
     (tmp_path / "tiny.yaml").write_text(TINY)
     assert drivetrain("train", "tiny.yaml", "--out", "whole") == 0
-
-    class Cut(KeyboardInterrupt):
-        """Somebody presses Ctrl-C."""
-
-    write = logbook.Logbook.write
-
-    def write_then_cut(log, step, scalars):
-        write(log, step, scalars)
-        if step == cut_at:
-            raise Cut
-
-    monkeypatch.setattr(logbook.Logbook, "write", write_then_cut)
+    cut_after(cut_at, monkeypatch)
     assert drivetrain("train", "tiny.yaml", "--out", "cut") == 130
     monkeypatch.undo()
     monkeypatch.chdir(tmp_path)
@@ -120,13 +135,30 @@ def test_a_run_that_was_cut_equals_one_that_was_not(
 
     lines = [(tmp_path / run / "metrics.jsonl").read_text() for run in ("whole", "cut")]
     assert lines[0] == lines[1]
-    hashes = [
-        json.loads(path.read_text())["custom_metadata"]["sha256"]
-        for run in ("whole", "cut")
-        for path in (tmp_path / run / "checkpoints" / "4").glob("*METADATA*")
-        if "sha256" in path.read_text()
-    ]
-    assert len(hashes) == 2 and hashes[0] == hashes[1]
+    hashes = [checkpoint_hash(tmp_path / run, 4) for run in ("whole", "cut")]
+    assert hashes[0] == hashes[1]
+
+
+def test_a_run_on_a_stream_that_was_cut_equals_one_that_was_not(
+    drivetrain, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stream = "stream: {resident: 6, pages: 3, updates_per_page: 2}\n"
+    text = TINY.replace("updates: 4\n", "updates: 8\n") + stream
+    (tmp_path / "tiny.yaml").write_text(text)
+    assert drivetrain("prepare", "synthetic:0:12", "store") == 0
+    train = ("train", "tiny.yaml", "data=store", "--out")
+    assert drivetrain(*train, "whole") == 0
+    cut_after(6, monkeypatch)
+    assert drivetrain(*train, "cut") == 130
+    monkeypatch.undo()
+    monkeypatch.chdir(tmp_path)
+    assert drivetrain(*train, "cut") == 0
+
+    # The metadata, which the hash covers, tell which scenarios are in the bank.
+    hashes = [checkpoint_hash(tmp_path / run, 8) for run in ("whole", "cut")]
+    assert hashes[0] == hashes[1]
+    lines = (tmp_path / "whole" / "metrics.jsonl").read_text().splitlines()
+    assert all("page_stall_ms" in json.loads(line) for line in lines)
 
 
 @pytest.mark.parametrize(
