@@ -1,10 +1,9 @@
-"""Runs the commands: `drivetrain prepare | train | evaluate | benchmark | demo`."""
+"""Runs the commands: `drivetrain prepare | data | train | evaluate …`."""
 
 import dataclasses
 import os
 import pathlib
 import sys
-from collections.abc import Mapping
 from typing import Annotated, Literal
 
 import jax
@@ -26,6 +25,7 @@ from . import (
     demo as demos,
     dump as dumps,
     evaluate as evaluating,
+    outputs,
     stores,
     tables,
 )
@@ -115,7 +115,7 @@ def evaluate(
     """
     if not 0 <= seed < 2**32:
         raise ValueError(f"seed must be from 0 to 2^32 - 1, got {seed}.")
-    _require_outputs({"json": json, "record": record}, dump)
+    outputs.require({"json": json, "record": record}, dump)
     player_of = evaluating.player_of(agent, dynamics, sim_agent, actions)
     source = loader.Source(
         path=data,
@@ -153,20 +153,6 @@ def evaluate(
     if dump is not None:
         with progress("dumping", len(loaded.scenarios), unit="scenarios") as line:
             dumps.dump(player, loaded, seed, dump, line.update)
-
-
-def _require_outputs(
-    outputs: Mapping[str, pathlib.Path | None], folder: pathlib.Path | None
-) -> None:
-    """Checks that files, by option, and a folder can be written."""
-    if folder is not None and folder.exists() and not folder.is_dir():
-        raise ValueError(f"'{folder}' is a file; name a folder to write to.")
-    for option, out in outputs.items():
-        if out is not None and out.is_dir():
-            raise ValueError(f"--{option} '{out}' is a folder; name a file in it.")
-    for out in (*outputs.values(), folder):
-        if out is not None:
-            files.require_writable(out)
 
 
 def benchmark(
@@ -208,7 +194,7 @@ def benchmark(
         json: write the rows of the table to this file.
         report: write report.html and the plots as SVG and PNG to this folder.
     """
-    _require_outputs({"json": json}, report)
+    outputs.require({"json": json}, report)
     settings = Settings(
         data=data,
         scenarios=scenarios,
@@ -233,22 +219,43 @@ def demo(out: pathlib.Path = pathlib.Path("runs/demo"), seed: int = 0) -> None:
     demos.demo(out, seed)
 
 
+def data() -> None:
+    """Says what is in data: drivetrain data summary | compare."""
+
+
+COMMANDS = {
+    "prepare": stores.prepare,
+    "data": data,
+    "train": train,
+    "evaluate": evaluate,
+    "benchmark": benchmark,
+    "demo": demo,
+}
+DATA_COMMANDS = {"summary": stores.summary, "compare": stores.compare}
+
+
 def main() -> None:
     """Runs a command; bad input ends it with one sentence and exit code 2."""
     _use_compile_cache()
+    words = sys.argv[1:]
     try:
-        tyro.extras.subcommand_cli_from_dict(
-            {
-                "prepare": stores.prepare,
-                "train": train,
-                "evaluate": evaluate,
-                "benchmark": benchmark,
-                "demo": demo,
-            },
-            prog="drivetrain",
-            description="Trains driving policies inside a simulator that runs on the "
-            "accelerator.",
-        )
+        if words[:1] == ["data"]:
+            tyro.extras.subcommand_cli_from_dict(
+                DATA_COMMANDS,
+                prog="drivetrain data",
+                description=data.__doc__,
+                args=words[1:],
+            )
+        else:
+            tyro.extras.subcommand_cli_from_dict(
+                COMMANDS,
+                prog="drivetrain",
+                description="Trains driving policies inside a simulator that runs on "
+                "the accelerator.",
+            )
+    except BrokenPipeError:  # whoever read the results has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(141)
     except (ValueError, OverflowError, OSError) as error:
         if os.environ.get("DRIVETRAIN_DEBUG"):
             raise

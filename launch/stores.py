@@ -7,9 +7,12 @@ from typing import Annotated
 import tyro
 from rich import console as rich_console
 
-from ..sim.data import inputs, prepare as preparing
+from ..sim import files
+from ..sim.data import inputs, loader, prepare as preparing, statistics, store
+from ..sim.data.loader import Split
 from ..sim.data.pack import PackConfig
 from ..sim.data.timeline import Timeline
+from . import comparison, histograms, outputs, summary as summaries
 from .progress import progress
 
 
@@ -98,3 +101,81 @@ def _print_summary(summary: preparing.Summary, out: pathlib.Path) -> None:
             f"{len(summary.duplicates)} scenario id(s) came more than once, for "
             f"example {summary.duplicates[0]}"
         )
+
+
+def summary(
+    store_folder: Annotated[
+        pathlib.Path, tyro.conf.Positional, tyro.conf.arg(metavar="STORE")
+    ],
+    /,
+    json: pathlib.Path | None = None,
+    plot: pathlib.Path | None = None,
+) -> None:
+    """Says what is in a store.
+
+    drivetrain data summary data/womd --plot womd.png
+
+    Counts by format with the sources of routes, distributions over scenarios, bytes in
+    the bank and what all of WOMD would take, what formats left unsaid, and scenarios
+    whose traffic lights look out of step with the tracks.
+
+    Args:
+        store_folder: made by `drivetrain prepare`.
+        json: write the figures to this file.
+        plot: draw the distributions to this file, a PNG.
+    """
+    outputs.require({"json": json, "plot": plot})
+    entries = store.entries(store_folder)
+    figures = summaries.summarize(entries)
+    console = rich_console.Console(highlight=False)
+    console.print(summaries.dataset_table(figures))
+    console.print(summaries.distribution_table(figures))
+    for line in summaries.lines(figures):
+        console.print(line, markup=False)
+    if json is not None:
+        store.write_json(json, figures)
+    if plot is not None:
+        panels = {
+            title: {store_folder.name: summaries.values(entries, name)}
+            for name, title in summaries.DISTRIBUTIONS.items()
+        }
+        files.write_whole(plot, histograms.draw(panels))
+
+
+def compare(
+    first: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="A")],
+    second: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="B")],
+    /,
+    split: Split = "all",
+    test_share: float = 1 / 3,
+    json: pathlib.Path | None = None,
+    plot: pathlib.Path | None = None,
+) -> None:
+    """Compares the traffic of two sources of scenarios.
+
+    drivetrain data compare synthetic:0:1000 data/womd --plot traffic.png
+
+    Args:
+        first: a store, a file, a quoted pattern of files, or synthetic:FIRST:COUNT.
+        second: likewise.
+        split: which part of the second to look at, by a hash of the ids.
+        test_share: of the scenarios that belongs to the split test.
+        json: write a row for each quantity to this file.
+        plot: draw the distributions to this file, a PNG.
+    """
+    outputs.require({"json": json, "plot": plot})
+    both = (
+        loader.Source(path=first),
+        loader.Source(path=second, split=split, test_share=test_share),
+    )
+    sources = {}
+    for source in both:
+        with progress("reading", loader.count(source), unit="scenarios") as line:
+            found = loader.load(source, line.update)
+        sources[source.path] = statistics.samples(found)
+    rows = comparison.compare(sources)
+    rich_console.Console(highlight=False).print(comparison.table(rows))
+    if json is not None:
+        store.write_json(json, rows)
+    if plot is not None:
+        files.write_whole(plot, comparison.draw(sources, rows))

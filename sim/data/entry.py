@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..scenario import DRIVING_LANES, ObjectType
-from . import bank
+from . import bank, light_check
 from .packed import JOINED, Packed
 from .planar_log import PlanarLog, planar_log
 
@@ -37,10 +37,13 @@ class Entry:
     num_others: int
     num_still: int  # objects whose log is one place
     num_lights: int
+    red_crossings: int  # vehicles that pass a light at red, and
+    green_crossings: int  # at green
     num_stop_signs: int
     num_paths: int
     num_edges: int  # vertices of road edges
-    num_vertices: int  # of the whole map
+    num_map_points: int  # as the file has them
+    num_vertices: int  # of the map in the bank
     ego_distance: float  # metres that the ego gets away from its current place
     ego_speed: float  # mean over the simulated steps [m/s]
     encounter: float | None  # seconds between the ego and another at one place
@@ -71,6 +74,7 @@ def entry_of(packed: Packed) -> Entry:
     log = planar_log(packed)
     ego = log.valid[0] & (np.arange(packed.num_steps) >= packed.current_step)
     way = log.xy[0, ego]
+    red, green = light_check.crossings(packed, log)
     return Entry(
         scenario_id=packed.scenario_id,
         dataset=packed.dataset,
@@ -85,9 +89,12 @@ def entry_of(packed: Packed) -> Entry:
         num_others=int(kinds.sum() - known.sum()),
         num_still=int(packed.is_still.sum()),
         num_lights=len(packed.light_xyz),
+        red_crossings=red,
+        green_crossings=green,
         num_stop_signs=packed.num_stop_signs,
         num_paths=len(packed.path_on_route),
         num_edges=len(packed.edge_normal),
+        num_map_points=packed.num_map_points,
         num_vertices=len(packed.vertices),
         ego_distance=round(float(np.linalg.norm(way - way[0], axis=1).max()), 2),
         ego_speed=round(float(np.linalg.norm(log.velocity[0, ego], axis=1).mean()), 2),

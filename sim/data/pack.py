@@ -120,6 +120,7 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
         is_still=is_still,
         poses=poses[rows],
         turns=turns[rows],
+        num_map_points=len(scenario.roads.xyz),
         vertices=vertices,
         vertex_tag=tag,
         num_stop_signs=len(stop_yaw),

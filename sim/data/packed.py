@@ -43,6 +43,7 @@ class Packed:
     is_still: Bool[np.ndarray, " objects"]  # the log has one row for all valid steps
     poses: np.ndarray  # [rows, 3], object after object, else a row for each valid step
     turns: np.ndarray  # [rows, 3]: yaw and velocity
+    num_map_points: int  # of the file's map, before it was simplified
     vertices: np.ndarray  # [vertices, 3], first road edges, then stop signs
     vertex_tag: Integer[np.ndarray, " vertices"]  # map type, plus JOINED
     edge_normal: np.ndarray  # [edge vertices]: direction towards the road

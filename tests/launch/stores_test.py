@@ -1,0 +1,75 @@
+"""Tests of the commands that say what is in data."""
+
+import dataclasses
+import json
+import pathlib
+
+import numpy as np
+import pytest
+
+from drivetrain.launch import comparison, summary
+from drivetrain.sim.data import store
+from drivetrain.sim.data.entry import Entry
+
+NUM_SEEDS = 12
+
+
+@pytest.fixture
+def entries(drivetrain, tmp_path: pathlib.Path) -> list[Entry]:
+    assert drivetrain("prepare", f"synthetic:0:{NUM_SEEDS}", "store") == 0
+    return store.entries(tmp_path / "store")
+
+
+def test_a_summary_counts_what_is_in_the_store(
+    drivetrain, entries, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture
+) -> None:
+    words = ["data", "summary", "store", "--json", "out.json", "--plot", "out.png"]
+    assert drivetrain(*words) == 0
+    found = json.loads((tmp_path / "out.json").read_text())
+    packed = list(store.read(tmp_path / "store"))
+    assert found["scenarios"] == NUM_SEEDS
+    (row,) = found["datasets"]
+    assert row["dataset"] == "synthetic" and row["steps"] == [91, 91]
+    assert row["objects"] == sum(len(one.object_id) for one in packed)
+    assert row["vertices"] == sum(len(one.vertices) for one in packed)
+    mean = np.mean([entry.num_bytes for entry in entries])
+    assert found["bytes_per_scenario_mean"] == pytest.approx(mean)
+    assert found["womd_training_gb"] == pytest.approx(mean * 487_000 / 1e9)
+    speeds = [entry.ego_speed for entry in entries]
+    assert found["distributions"]["ego_speed"]["p50"] == np.median(speeds)
+    assert found["shares"]["lights"] == np.mean([e.num_lights > 0 for e in entries])
+    out = capsys.readouterr().out
+    assert "[m/s]" in out and "487,000 training scenarios of WOMD" in " ".join(
+        out.split()
+    )
+    assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_lights_out_of_step_are_named(entries) -> None:
+    odd, even = entries[:2]
+    odd = dataclasses.replace(odd, red_crossings=3, green_crossings=1)
+    even = dataclasses.replace(even, red_crossings=1, green_crossings=0)
+    assert summary.suspicious_lights([odd, even]) == [odd.scenario_id]
+    said = " ".join(summary.lines(summary.summarize([odd, even])))
+    assert "1 scenario(s) whose lights look out of step" in said
+
+
+def test_a_source_is_at_no_distance_from_itself(
+    drivetrain, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture
+) -> None:
+    words = ["synthetic:0:4", "synthetic:0:4", "--json", "out.json", "--plot", "o.png"]
+    with pytest.raises(ValueError, match="names two sources that differ"):
+        comparison.compare({"one": {}})
+    assert drivetrain("data", "compare", *words) == 2
+    assert "names two sources that differ" in capsys.readouterr().err
+    words[1] = "synthetic:1:4"
+    assert drivetrain("data", "compare", *words) == 0
+    rows = json.loads((tmp_path / "out.json").read_text())
+    assert {row["first"] for row in rows} == {"synthetic:0:4"}
+    assert all(0 <= row["distance"] <= 1 for row in rows if row["first_samples"])
+    assert (tmp_path / "o.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_is_no_store_is_named(drivetrain, capsys: pytest.CaptureFixture) -> None:
+    assert drivetrain("data", "summary", "nowhere") == 2
+    assert "no store at 'nowhere'" in capsys.readouterr().err
