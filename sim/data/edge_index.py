@@ -216,7 +216,7 @@ class _Blocks:
         block = np.arange(len(self.heights))
         pairs = []
         rows = max(1, PAIRS_AT_ONCE // len(block))
-        for first in range(0, len(point), rows):
+        for first in range(0, len(centre), rows):
             distance = flat.distance(point[:, first : first + rows], block)
             nearest = distance.min(axis=1, keepdims=True)
             cell, near = np.nonzero(distance <= _reach(nearest, size, slack))

@@ -175,3 +175,12 @@ def test_without_edges_nothing_is_listed(num_vertices):
         0,
         0,
     ]
+
+
+def test_wide_maps_that_are_searched_in_parts_are_listed_alike(monkeypatch):
+    edges = roads(0)
+    whole = edge_index.build(edges.vertices, edges.joined)
+    monkeypatch.setattr(edge_index, "PAIRS_AT_ONCE", 1)
+    parts = edge_index.build(edges.vertices, edges.joined)
+    for name in ("corner", "shape", "nodes", "blocks"):
+        np.testing.assert_array_equal(getattr(parts, name), getattr(whole, name))
