@@ -5,10 +5,22 @@ import pathlib
 from collections.abc import Iterator
 
 from ..scenario import Scenario, ScenarioError
-from . import base, json_scenes, womd_example, womd_scenario
+from . import (
+    argoverse2,
+    base,
+    json_scenes,
+    womd_example,
+    womd_scenario,
+)
 from .base import BadRecord
 
-READERS = (womd_example.READER, womd_scenario.READER, json_scenes.READER)
+# In this order: the maps of Argoverse 2 are JSON as well.
+READERS = (
+    womd_example.READER,
+    womd_scenario.READER,
+    argoverse2.READER,
+    json_scenes.READER,
+)
 
 
 def read(path: pathlib.Path) -> Iterator[Scenario | BadRecord]:

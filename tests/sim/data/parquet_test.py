@@ -1,0 +1,76 @@
+"""Tests of the columns of parquet files."""
+
+import io
+import tracemalloc
+from typing import Any
+
+import numpy as np
+import pyarrow
+import pytest
+from pyarrow import parquet as writer
+
+from drivetrain.sim.data import parquet
+from drivetrain.sim.scenario import ScenarioError
+
+
+def encoded(table: dict[str, Any], **options: Any) -> bytes:
+    """Returns a table as a file."""
+    stream = io.BytesIO()
+    writer.write_table(pyarrow.table(table), stream, **options)
+    return stream.getvalue()
+
+
+@pytest.mark.parametrize("options", [{}, {"use_dictionary": False}])
+@pytest.mark.parametrize("rows_at_once", [1000, 2])
+def test_columns_come_back(options: dict[str, Any], rows_at_once: int) -> None:
+    table = {"t": ["b", "a", "b", "c"], "i": [3, 1, 2, 0], "x": [0.5, 1, 2, 3]}
+    record = encoded(table, row_group_size=rows_at_once, **options)
+    found = parquet.columns(record, ["t"], ["i"], ["x"])
+    assert found["t"].values == ["b", "a", "c"]
+    assert found["t"].codes.tolist() == [0, 1, 0, 2]
+    assert (found["i"].dtype, found["i"].tolist()) == (np.int64, table["i"])
+    assert (found["x"].dtype, found["x"].tolist()) == (np.float64, table["x"])
+
+
+@pytest.mark.parametrize(
+    ("table", "sentence"),
+    [
+        ({"t": ["a"], "i": [1]}, "there is no column 'x'"),
+        ({"i": [1], "x": [1.0]}, "there is no column 't'"),
+        ({"t": ["a"], "i": [None], "x": [1.0]}, "column 'i' has empty places"),
+        ({"t": ["a"], "i": [1.5], "x": [1.0]}, "the parquet data are damaged"),
+        ({"t": ["a"], "i": [[1]], "x": [1.0]}, "there is no column 'i'"),
+        ({"t": [7], "i": [1], "x": [1.0]}, "column 't' holds no texts"),
+        ({"t": [b"\xff"], "i": [1], "x": [1.0]}, "column 't' holds no texts"),
+        ({"t": [["a"]], "i": [1], "x": [1.0]}, "there is no column 't'"),
+    ],
+)
+def test_a_wrong_column_is_named(table: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(ScenarioError, match=sentence):
+        parquet.columns(encoded(table), ["t"], ["i"], ["x"])
+
+
+def test_a_table_without_rows_is_named() -> None:
+    record = encoded({"i": np.zeros(0, np.int64)})
+    with pytest.raises(ScenarioError, match="has 0 rows; 1 to"):
+        parquet.columns(record, [], ["i"], [])
+
+
+def test_a_table_of_too_many_rows_is_named() -> None:
+    record = encoded({"i": np.zeros(parquet.MAX_ROWS + 1, np.int64)})
+    with pytest.raises(ScenarioError, match="has 1000001 rows; 1 to 1000000 are read"):
+        parquet.columns(record, [], ["i"], [])
+
+
+def test_a_long_text_that_comes_often_is_held_once() -> None:
+    num_rows, text = 10**5, "x" * 10**5  # 10 GB if each row held its own
+    words = pyarrow.array([text]).dictionary_encode().take(np.zeros(num_rows, np.int8))
+    record = encoded({"t": words})
+    before = pyarrow.total_allocated_bytes()
+    tracemalloc.start()
+    found = parquet.columns(record, ["t"], [], [])
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert found["t"].values == [text]
+    assert peak < 10**7
+    assert pyarrow.total_allocated_bytes() - before < 10**7
