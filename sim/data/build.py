@@ -8,6 +8,7 @@ from ..scenario import Scenario, ScenarioError
 from . import (
     argoverse2,
     base,
+    commonroad,
     json_scenes,
     womd_example,
     womd_scenario,
@@ -19,6 +20,7 @@ READERS = (
     womd_example.READER,
     womd_scenario.READER,
     argoverse2.READER,
+    commonroad.READER,
     json_scenes.READER,
 )
 

@@ -54,6 +54,11 @@ class Lane:
         return (_at(self.left, shares) + _at(self.right, shares)) / 2
 
     @property
+    def end(self) -> Float[np.ndarray, " 3"]:
+        """Where the centre line ends."""
+        return (self.left[-1] + self.right[-1]) / 2
+
+    @property
     def num_points(self) -> int:
         """How many points the centre line has.
 

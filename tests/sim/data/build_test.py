@@ -96,7 +96,7 @@ def test_a_log_without_a_future_is_too_short(tmp_path: pathlib.Path) -> None:
         (
             bytes(100),
             "no known format; known: womd_example, womd_scenario, argoverse2, "
-            "womd_json",
+            "commonroad, womd_json",
         ),
         (b"OBJ1 is a head of another format", "no known format"),
         (b"PAR1 is a head of parquet", "the parquet data are damaged"),
