@@ -74,3 +74,27 @@ def test_a_long_text_that_comes_often_is_held_once() -> None:
     assert found["t"].values == [text]
     assert peak < 10**7
     assert pyarrow.total_allocated_bytes() - before < 10**7
+
+
+def test_a_damaged_footer_ends_in_columns_or_a_sentence() -> None:
+    # Some of these files make pyarrow end the process when asked for their metadata.
+    record = encoded({"t": ["a", "b"], "i": [1, 2], "x": [0.5, 1.5]})
+    length = int.from_bytes(record[-8:-4], "little")
+    for at in range(len(record) - 8 - length, len(record)):
+        for bit in range(0, 8, 3):
+            damaged = bytearray(record)
+            damaged[at] ^= 1 << bit
+            try:
+                found = parquet.columns(bytes(damaged), ["t"], ["i"], ["x"])
+            except ScenarioError:
+                continue
+            assert len(found["i"]) == len(found["x"]) == len(found["t"].codes)
+
+
+def test_codes_that_no_dictionary_has_are_named() -> None:
+    record = encoded({"t": ["a", "b", "c"] * 8}, compression="none")
+    codes = sum(((i % 3) << (2 * i)) for i in range(24)).to_bytes(6, "little")
+    assert record.count(codes) == 1
+    beyond = record.replace(codes, b"\xff" * 6)
+    with pytest.raises(ScenarioError, match="the parquet data are damaged"):
+        parquet.columns(beyond, ["t"], [], [])
