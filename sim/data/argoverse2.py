@@ -19,7 +19,7 @@ _NAME = "argoverse2"
 _EGO = "AV"
 _SCORED = 2  # the object_category from which tracks are scored; 3 is the focal one
 _MAX_FILE_BYTES = 1 << 26
-_MAX_STATES = 10**7  # tracks times steps
+_MAX_STATES = 2_000_000  # tracks times steps
 _SAFE_ID = re.compile(r"[\w-]{1,100}")  # it becomes part of a file's name
 
 _TEXTS = ("scenario_id", "track_id", "object_type")

@@ -26,7 +26,7 @@ _NAME = "commonroad"
 _CURRENT_STEP = 10
 _HEAD = re.compile(rb"(?:\xef\xbb\xbf)?\s*<(?:.*?<)??commonRoad\b", re.DOTALL)
 _OBSTACLES = ("obstacle", "dynamicObstacle", "staticObstacle")
-_MAX_STATES = 10**7  # obstacles times steps
+_MAX_STATES = 2_000_000  # obstacles times steps
 _MAX_STEP_LENGTH = 10.0  # seconds
 
 _VEHICLES = (

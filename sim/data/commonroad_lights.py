@@ -28,46 +28,41 @@ def read(root: Element, lanes: Sequence[Lane], num_steps: int) -> Lights:
     Raises:
         ScenarioError: if a light or a lanelet is malformed.
     """
-    cycles = {}
+    found = {}
     for light in root.iterfind("trafficLight"):
-        light_id = values.integer(light.get("id"), "'id' of a trafficLight")
         if (light.findtext("active") or "true").strip() == "true":
-            cycles[light_id] = _states(light, light_id, num_steps)
+            found[values.integer(light.get("id"), "'id' of a trafficLight")] = light
     ends = {lane.lane_id: lane.end for lane in lanes}
-    rows = []
+    ruled = {}
     for lanelet in root.iterfind("lanelet"):
         lane = values.integer(lanelet.get("id"), "'id' of a lanelet")
         known = [
             light
             for tag in ("trafficLightRef", "stopLine/trafficLightRef")
             for light in values.references(lanelet, tag)
-            if light in cycles
+            if light in found
         ]
         if known and lane in ends:
             line = lanelet.find("stopLine")
             drawn = [] if line is None else values.points(line, f"stop line of {lane}")
-            rows.append(
-                (lane, known[0], np.mean(drawn, 0) if len(drawn) else ends[lane])
-            )
-    if len(rows) * num_steps > parts.MAX_LIGHT_STEPS:
-        raise ScenarioError(f"{len(rows)} lanes with lights are too many")
-    if not rows:
+            ruled[lane] = known[0], np.mean(drawn, 0) if len(drawn) else ends[lane]
+    if len(ruled) * num_steps > parts.MAX_LIGHT_STEPS:
+        raise ScenarioError(f"{len(ruled)} lanes with lights are too many")
+    if not ruled:
         return parts.no_lights(num_steps)
-    lane_id, light, xyz = zip(*rows, strict=True)
-    step = np.arange(num_steps)
-    return parts.lights(
-        lane_id=np.repeat(np.array(lane_id), num_steps),
-        step=np.tile(step, len(rows)),
-        state=np.concatenate([cycles[name] for name in light]),
-        xyz=np.repeat(np.stack(xyz), num_steps, axis=0),
-        valid=np.ones(len(rows) * num_steps, bool),
-        num_steps=num_steps,
+    lane_id = sorted(ruled)
+    state = [_states(found[ruled[lane][0]], num_steps) for lane in lane_id]
+    return Lights(
+        lane_id=np.array(lane_id, np.int64),
+        xyz=np.stack([ruled[lane][1] for lane in lane_id]),
+        state=np.stack(state),
+        valid=np.ones((len(lane_id), num_steps), bool),
     )
 
 
-def _states(light: Element, light_id: int, num_steps: int) -> Int[np.ndarray, " steps"]:
+def _states(light: Element, num_steps: int) -> Int[np.ndarray, " steps"]:
     """Returns what a light shows at each step; what is dark or unknown is unknown."""
-    place = f"the cycle of light {light_id}"
+    place = f"the cycle of light {light.get('id')}"
     colours, durations = [], []
     for element in light.iterfind("cycle/cycleElement"):
         colour = (element.findtext("color") or "").strip()

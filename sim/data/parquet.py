@@ -8,10 +8,12 @@ import numpy as np
 from jaxtyping import Int
 
 from ..scenario import ScenarioError
+from . import parquet_pages
 
 MAGIC = b"PAR1"
 MAX_ROWS = 10**6
-MAX_TABLE_BYTES = 1 << 29  # as the metadata tell before a column is read
+MAX_COLUMN_BYTES = 1 << 26  # of the pages of a column in one group of rows
+MAX_TABLE_BYTES = 1 << 28
 _MAX_METADATA = 1 << 20  # bytes of a text, and members of a list, in the metadata
 
 
@@ -31,8 +33,8 @@ def columns(
 ) -> dict[str, Any]:
     """Returns named columns: texts as `Texts`, the others as int64 and float64.
 
-    What a file says of its size is checked before a column is read, and texts stay
-    numbers of a dictionary: a small file cannot ask for much memory.
+    What a file unfolds to is checked before a column is read, and texts stay numbers of
+    a dictionary: a small file cannot ask for much memory.
 
     Raises:
         ScenarioError: if pyarrow is missing, or the file is damaged, too large, or
@@ -82,7 +84,10 @@ def _table(record: bytes, names: list[str], texts: list[str]) -> Any:
         raise ScenarioError(
             f"there is no column {missing[0]!r}: this is no motion forecasting scenario"
         )
-    _check_size(file.metadata)
+    _check_rows(file.metadata)
+    num_bytes = parquet_pages.unfolded_bytes(record, MAX_COLUMN_BYTES)
+    if num_bytes > MAX_TABLE_BYTES:
+        raise ScenarioError(f"the parquet data unfold to {num_bytes} bytes")
     file = pyarrow.parquet.ParquetFile(
         pyarrow.BufferReader(record),
         metadata=file.metadata,
@@ -101,8 +106,8 @@ def _table(record: bytes, names: list[str], texts: list[str]) -> Any:
     return table
 
 
-def _check_size(metadata: Any) -> None:
-    """Raises ScenarioError for a file that holds too much, or nothing.
+def _check_rows(metadata: Any) -> None:
+    """Raises ScenarioError for a file of too many rows, or none.
 
     What the metadata say of a column is not asked for: where it is damaged, pyarrow 26
     ends the process, while reading the column raises an error.
@@ -117,9 +122,6 @@ def _check_size(metadata: Any) -> None:
         raise ScenarioError(
             f"the parquet file tells of {metadata.num_rows} rows but holds {num_rows}"
         )
-    num_bytes = sum(group.total_byte_size for group in groups)
-    if not num_bytes <= MAX_TABLE_BYTES:
-        raise ScenarioError(f"the parquet file unfolds to {num_bytes} bytes")
 
 
 def _texts(column: Any) -> Texts:
