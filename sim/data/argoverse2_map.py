@@ -143,6 +143,8 @@ def _leading_the_same_way(lanes: list[Lane]) -> list[Lane]:
 def _polygon(crossing: Any) -> Float[np.ndarray, "points 3"]:
     """Returns the ring that the two edges of a crossing make, whichever way they go."""
     one, other = (json_values.places(crossing[name]) for name in ("edge1", "edge2"))
+    if not len(one) or not len(other):
+        raise ScenarioError("an edge has no points")
     straight = np.linalg.norm(one[-1] - other[-1]) + np.linalg.norm(one[0] - other[0])
     crossed = np.linalg.norm(one[-1] - other[0]) + np.linalg.norm(one[0] - other[-1])
     return np.concatenate([one, other[::-1] if straight <= crossed else other])
