@@ -102,6 +102,13 @@ def distances(points: np.ndarray, line: np.ndarray) -> np.ndarray:
     return np.linalg.norm(rest, axis=-1).min(axis=1)
 
 
+def test_lanes_are_for_vehicles_or_bikes(tmp_path: pathlib.Path) -> None:
+    found = read(argoverse2_files.write(files.scenario(), tmp_path))
+    street, bike = MapType.LANE_SURFACE_STREET, MapType.LANE_BIKE
+    assert files.scenario().roads.map_type[:3].tolist() == [street, 1, bike]
+    assert found.roads.map_type[:3].tolist() == [street, street, bike]
+
+
 def test_a_crosswalk_comes_back_closed(tmp_path: pathlib.Path) -> None:
     wanted = files.scenario()
     found = read(argoverse2_files.write(wanted, tmp_path))

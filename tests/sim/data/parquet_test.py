@@ -32,6 +32,13 @@ def test_columns_come_back(options: dict[str, Any], rows_at_once: int) -> None:
     assert (found["x"].dtype, found["x"].tolist()) == (np.float64, table["x"])
 
 
+def test_texts_are_numbered_as_they_come_not_as_a_dictionary_has_them() -> None:
+    words = pyarrow.DictionaryArray.from_arrays([3, 0, 2, 3], ["a", "b", "c", "d"])
+    found = parquet.columns(encoded({"t": words}), ["t"], [], [])
+    assert found["t"].values == ["d", "a", "c"]
+    assert found["t"].codes.tolist() == [0, 1, 2, 0]
+
+
 @pytest.mark.parametrize(
     ("table", "sentence"),
     [
