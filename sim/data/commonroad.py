@@ -50,6 +50,7 @@ _ASSUMPTIONS = (
     "ego: chosen among the obstacles, as that of the planning problem has no log",
     "heights: one for each kind of object, and places at zero unless told",
     "line markings: white, as the format tells no colour",
+    "speed limits on signs: in metres per second, as those of lanelets",
 )
 
 

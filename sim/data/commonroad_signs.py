@@ -10,9 +10,9 @@ from jaxtyping import Float
 from . import commonroad_values as values
 from .lane_map import Lane
 
-# By the numbers of the countries' own catalogues, which the files use.
-_SPEED_LIMITS = frozenset({"274", "R2-1", "s01"})
-_STOPS = frozenset({"206", "R1-1", "r2"})
+# Numbers in the catalogues of Germany and the United States.
+_SPEED_LIMITS = frozenset({"274", "R2-1"})
+_STOPS = frozenset({"206", "R1-1"})
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

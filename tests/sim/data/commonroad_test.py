@@ -245,6 +245,15 @@ def test_the_format_is_told_from_the_content(
         assert files.differences(read(path), plain) == []
 
 
+def test_a_scenario_that_declares_entities_is_refused(tmp_path: pathlib.Path) -> None:
+    path = tmp_path / "log"
+    entity = b'<!DOCTYPE commonRoad [<!ENTITY a "lollollol">]>'
+    path.write_bytes(entity + ElementTree.tostring(document()))
+    (bad,) = build.read(path)
+    assert isinstance(bad, BadRecord)
+    assert "a document type is declared" in bad.reason
+
+
 def test_other_xml_is_of_no_known_format(tmp_path: pathlib.Path) -> None:
     path = tmp_path / "log"
     path.write_bytes(b"<?xml version='1.0'?><osm><node/></osm>")
