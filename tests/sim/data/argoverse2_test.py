@@ -13,15 +13,9 @@ import pytest
 from pyarrow import parquet
 
 from drivetrain.sim import scenario
-from drivetrain.sim.data import argoverse2, argoverse2_map, build, routes
+from drivetrain.sim.data import argoverse2, build, routes
 from drivetrain.sim.data.base import BadRecord
-from drivetrain.sim.scenario import (
-    EDGES,
-    MapType,
-    ObjectType,
-    Scenario,
-    ScenarioError,
-)
+from drivetrain.sim.scenario import EDGES, MapType, ObjectType, Scenario
 from tests.oracles import metrics
 from tests.sim.data import argoverse2_files, files
 
@@ -118,64 +112,6 @@ def test_a_crosswalk_comes_back_closed(tmp_path: pathlib.Path) -> None:
     )
     assert sorted(ring[:-1].tolist()) == sorted(wanted_ring[:-1].tolist())
     assert np.array_equal(ring[0], ring[-1])
-
-
-@pytest.mark.parametrize("is_turned", [False, True])
-def test_a_crosswalk_is_a_ring_whichever_way_its_edges_go(is_turned: bool) -> None:
-    edge1, edge2 = ([[0, 0], [9, 0]], [[0, 3], [9, 3]])
-    if is_turned:
-        edge2.reverse()
-    crossing = {
-        name: [{"x": x, "y": y, "z": 0} for x, y in edge]
-        for name, edge in (("edge1", edge1), ("edge2", edge2))
-    }
-    document = argoverse2_files.map_document(files.scenario())
-    document["pedestrian_crossings"] = {"5": {"id": 5, **crossing}}
-    roads, _ = argoverse2_map.convert(orjson.dumps(document))
-    ring = roads.points_of(int((roads.map_type == MapType.CROSSWALK).argmax()))
-    assert ring[:, :2].tolist() == [[0, 0], [9, 0], [9, 3], [0, 3], [0, 0]]
-
-
-@pytest.mark.parametrize(
-    ("word", "kind"),
-    [
-        ("DOUBLE_SOLID_YELLOW", MapType.LINE_SOLID_DOUBLE_YELLOW),
-        ("SOLID_DASH_YELLOW", MapType.LINE_PASSING_DOUBLE_YELLOW),
-        ("DASHED_WHITE", MapType.LINE_BROKEN_SINGLE_WHITE),
-        ("SOLID_BLUE", MapType.LINE_UNKNOWN),
-        ("NONE", None),
-    ],
-)
-def test_marks_become_lines(word: str, kind: MapType | None) -> None:
-    document = argoverse2_files.map_document(files.scenario())
-    for segment in document["lane_segments"].values():
-        segment["left_lane_mark_type"] = word
-    roads, _ = argoverse2_map.convert(orjson.dumps(document))
-    painted = (roads.map_type >= 5) & (roads.map_type <= 13)
-    assert roads.map_type[painted].tolist() == ([] if kind is None else [kind] * 3)
-
-
-@pytest.mark.parametrize(
-    ("place", "value", "sentence"),
-    [
-        (["lane_segments"], [], "its map has no mapping 'lane_segments'"),
-        (["lane_segments", "11", "id"], "11", "map: lane segment 11 is malformed"),
-        (["lane_segments", "11", "successors"], [None], "segment 11 is malformed"),
-        (["lane_segments", "11", "left_lane_boundary"], [], "has bounds of 0 and 5"),
-        (["drivable_areas", "7"], {}, "drivable area 7 lacks 'area_boundary'"),
-        (["pedestrian_crossings", "19", "edge1"], [{}], "crossing 19 lacks 'x'"),
-        (["pedestrian_crossings", "19", "edge2"], [], "an edge has no points"),
-    ],
-)
-def test_what_is_wrong_with_a_map_is_named(
-    place: list[str], value: Any, sentence: str
-) -> None:
-    part = document = argoverse2_files.map_document(files.scenario())
-    for name in place[:-1]:
-        part = part[name]
-    part[place[-1]] = value
-    with pytest.raises(ScenarioError, match=sentence):
-        argoverse2_map.convert(orjson.dumps(document))
 
 
 def test_objects_stand_on_the_nearest_lane(tmp_path: pathlib.Path) -> None:
