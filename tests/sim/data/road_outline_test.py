@@ -141,11 +141,23 @@ def test_a_point_nowhere_is_named(value: float) -> None:
         road_outline.edges([area], [])
 
 
-def test_areas_out_of_order_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(road_outline, "MAX_CROSSINGS", 10**4)
+def test_an_area_out_of_order_is_named() -> None:
     tangle = np.random.default_rng(0).uniform(0, 100, (500, 3))
-    with pytest.raises(ScenarioError, match="cross more than 10000 times"):
+    with pytest.raises(ScenarioError, match=r"the 500 sides .* cross too often"):
         road_outline.edges([tangle], [])
+
+
+def test_areas_that_cross_too_often_are_named() -> None:
+    bars = [box(0, i, 100, i + 0.1) for i in range(100)]
+    crossing = [bar[:, [1, 0, 2]] for bar in bars]
+    with pytest.raises(ScenarioError, match=r"the 800 sides .* cross too often"):
+        road_outline.edges([*bars, *crossing], [])
+
+
+def test_openings_that_cross_too_often_are_named() -> None:
+    lines = np.random.default_rng(0).uniform(0, 100, (500, 2, 3))
+    with pytest.raises(ScenarioError, match=r"the 1004 sides .* cross too often"):
+        road_outline.edges([box(0, 0, 10, 10)], list(lines))
 
 
 def test_too_many_points_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
