@@ -8,11 +8,26 @@ import numpy as np
 
 from .. import scenario
 from ..scenario import Scenario, ScenarioError
-from . import base, json_scenes, timeline as timelines, womd_example, womd_scenario
+from . import (
+    argoverse2,
+    base,
+    commonroad,
+    json_scenes,
+    timeline as timelines,
+    womd_example,
+    womd_scenario,
+)
 from .base import BadRecord
 from .timeline import Timeline
 
-READERS = (womd_example.READER, womd_scenario.READER, json_scenes.READER)
+# In this order: the maps of Argoverse 2 are JSON as well.
+READERS = (
+    womd_example.READER,
+    womd_scenario.READER,
+    argoverse2.READER,
+    commonroad.READER,
+    json_scenes.READER,
+)
 
 
 def read(

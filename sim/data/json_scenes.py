@@ -1,17 +1,14 @@
 """Reads the JSON form of WOMD that Nocturne and GPUDrive use, one scenario a file."""
 
-import array
-import contextlib
 import functools
-import itertools
 import operator
 import pathlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import orjson
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from .. import scenario
 from ..scenario import (
@@ -24,13 +21,12 @@ from ..scenario import (
     ScenarioError,
     Tracks,
 )
-from . import base, parts
+from . import base, json_values, parts
 from .base import BadRecord, Reader
 
 _NAME = "womd_json"
 _CURRENT_STEP = 10
 _MAX_RADIANS = 6.3  # a file with a larger heading is in degrees
-_PLACES = ("x", "y", "z")
 
 _OBJECT_TYPES = {member.name.lower(): member for member in ObjectType}
 _LIGHT_STATES = {member.name.lower(): member for member in LightState}
@@ -72,7 +68,7 @@ def convert(record: bytes, fallback_id: str) -> Scenario:
     """
     document = _document(record)
     metadata = _mapping(document, "metadata")
-    with _naming("metadata"):
+    with json_values.naming("metadata"):
         mark = metadata.get("sdc_track_index")
         marked = None if mark is None else operator.index(mark)
     tracks = _tracks(document["objects"], metadata)
@@ -117,46 +113,11 @@ def _mapping(document: dict[str, Any], name: str) -> dict[str, Any]:
     return part or {}
 
 
-@contextlib.contextmanager
-def _naming(place: str) -> Iterator[None]:
-    """Turns what Python says of a malformed part into a sentence that names it."""
-    try:
-        yield
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        kind = "lacks" if isinstance(error, KeyError) else "is malformed:"
-        raise ScenarioError(f"{place} {kind} {str(error)[:200]}") from error
-
-
-# array.array takes numbers alone; NumPy would also take texts, nulls and ragged lists.
-
-
-def _integers(values: Iterable[Any]) -> Int[np.ndarray, " values"]:
-    return np.array(array.array("q", values), np.int64)
-
-
-def _floats(values: Iterable[Any]) -> Float[np.ndarray, " values"]:
-    return np.array(array.array("d", values), np.float64)
-
-
-def _vectors(records: Any, axes: tuple[str, ...]) -> Float[np.ndarray, "records 3"]:
-    """Returns the named members of each record; z is 0 where it is not named."""
-    flat = map(operator.itemgetter(*axes), records)
-    vectors = np.zeros((len(records), 3))
-    found = _floats(itertools.chain.from_iterable(flat))
-    vectors[:, : len(axes)] = found.reshape(-1, len(axes))
-    return vectors
-
-
-def _places(records: Any) -> Float[np.ndarray, "records 3"]:
-    has_height = bool(records) and "z" in records[0]
-    return _vectors(records, _PLACES if has_height else _PLACES[:2])
-
-
 def _tracks(objects: list[Any], metadata: dict[str, Any]) -> Tracks:
     """Reads the objects, all of which must have the same number of steps."""
     rows = []
     for index, item in enumerate(objects):
-        with _naming(f"objects[{index}]"):
+        with json_values.naming(f"objects[{index}]"):
             row = _object_row(item, index)
             num_steps = [len(column) for column in row[-4:]]
             if rows:
@@ -167,11 +128,11 @@ def _tracks(objects: list[Any], metadata: dict[str, Any]) -> Tracks:
 
     columns = [np.array(column) for column in zip(*rows, strict=True)]
     object_id, object_type, size, xyz, velocity, heading, valid = columns
-    with _naming("metadata"):
+    with json_values.naming("metadata"):
         is_of_interest = parts.of_interest(
             object_id,
-            _integers(metadata.get("objects_of_interest", [])).tolist(),
-            _integers(
+            json_values.integers(metadata.get("objects_of_interest", [])).tolist(),
+            json_values.integers(
                 [
                     track["track_index"]
                     for track in metadata.get("tracks_to_predict", [])
@@ -195,15 +156,15 @@ def _object_row(item: Any, index: int) -> tuple[Any, ...]:
     """Returns id, type, size, position, velocity, heading and validity of an object."""
     object_type = _OBJECT_TYPES.get(item["type"], ObjectType.OTHER)
     height = item["height"] if "height" in item else _DEFAULT_HEIGHTS[object_type]
-    (object_id,) = _integers([item["id"] if "id" in item else index])
+    (object_id,) = json_values.integers([item["id"] if "id" in item else index])
     return (
         object_id,
         int(object_type),
-        _floats([item["length"], item["width"], height]),
-        _places(item["position"]),
-        _vectors(item["velocity"], ("x", "y"))[:, :2],
-        _floats(item["heading"]),
-        _floats(item["valid"]) != 0,
+        json_values.floats([item["length"], item["width"], height]),
+        json_values.places(item["position"]),
+        json_values.vectors(item["velocity"], ("x", "y"))[:, :2],
+        json_values.floats(item["heading"]),
+        json_values.floats(item["valid"]) != 0,
     )
 
 
@@ -220,15 +181,19 @@ def _radians(
 def _roads(roads: list[Any]) -> Polylines:
     features = []
     for index, road in enumerate(roads):
-        with _naming(f"roads[{index}]"):
+        with json_values.naming(f"roads[{index}]"):
             if road["type"] not in _MAP_TYPES:
                 raise ScenarioError(
                     f"'type' is {road['type']!r:.40}; known are {', '.join(_MAP_TYPES)}"
                 )
             code = road.get("map_element_id")
             known = code if code in _KNOWN_CODES else _MAP_TYPES[road["type"]]
-            (feature_id,) = _integers([road["id"] if "id" in road else index])
-            features.append((_places(road["geometry"]), int(known), feature_id))
+            (feature_id,) = json_values.integers(
+                [road["id"] if "id" in road else index]
+            )
+            features.append(
+                (json_values.places(road["geometry"]), int(known), feature_id)
+            )
     points, map_type, feature_id = zip(*features, strict=True)
     return parts.polylines(
         np.concatenate(points),
@@ -240,18 +205,24 @@ def _roads(roads: list[Any]) -> Polylines:
 
 def _lights(lanes: dict[str, Any], num_steps: int) -> Lights:
     columns = [(np.zeros(0, np.int64),) * 3 + (np.zeros((0, 3)),)]
-    with _naming("tl_states"):
+    with json_values.naming("tl_states"):
         for lane, light in lanes.items():
-            step = _integers(light["time_index"])
+            step = json_values.integers(light["time_index"])
             state = [
                 _LIGHT_STATES.get(word, LightState.UNKNOWN) for word in light["state"]
             ]
             height = light["z"] if "z" in light else [0.0] * len(step)
-            xyz = [_floats(light["x"]), _floats(light["y"]), _floats(height)]
-            lane_id = np.repeat(_integers([int(lane)]), len(step))
+            xyz = [
+                json_values.floats(light["x"]),
+                json_values.floats(light["y"]),
+                json_values.floats(height),
+            ]
+            lane_id = np.repeat(json_values.integers([int(lane)]), len(step))
             if any(len(column) != len(step) for column in (state, *xyz)):
                 raise ScenarioError(f"the lists of lane {lane} differ in length")
-            columns.append((lane_id, step, _integers(state), np.stack(xyz, axis=-1)))
+            columns.append(
+                (lane_id, step, json_values.integers(state), np.stack(xyz, axis=-1))
+            )
     lane_id, step, state, xyz = map(np.concatenate, zip(*columns, strict=True))
     return parts.lights(
         lane_id=lane_id,
