@@ -1,7 +1,6 @@
 """Reads the JSON form of WOMD that Nocturne and GPUDrive use, one scenario a file."""
 
 import array
-import contextlib
 import functools
 import itertools
 import operator
@@ -72,7 +71,7 @@ def convert(record: bytes, fallback_id: str) -> Scenario:
     """
     document = _document(record)
     metadata = _mapping(document, "metadata")
-    with _naming("metadata"):
+    with base.naming("metadata"):
         mark = metadata.get("sdc_track_index")
         marked = None if mark is None else operator.index(mark)
     tracks = _tracks(document["objects"], metadata)
@@ -117,16 +116,6 @@ def _mapping(document: dict[str, Any], name: str) -> dict[str, Any]:
     return part or {}
 
 
-@contextlib.contextmanager
-def _naming(place: str) -> Iterator[None]:
-    """Turns what Python says of a malformed part into a sentence that names it."""
-    try:
-        yield
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        kind = "lacks" if isinstance(error, KeyError) else "is malformed:"
-        raise ScenarioError(f"{place} {kind} {str(error)[:200]}") from error
-
-
 # array.array takes numbers alone; NumPy would also take texts, nulls and ragged lists.
 
 
@@ -156,7 +145,7 @@ def _tracks(objects: list[Any], metadata: dict[str, Any]) -> Tracks:
     """Reads the objects, all of which must have the same number of steps."""
     rows = []
     for index, item in enumerate(objects):
-        with _naming(f"objects[{index}]"):
+        with base.naming(f"objects[{index}]"):
             row = _object_row(item, index)
             num_steps = [len(column) for column in row[-4:]]
             if rows:
@@ -167,7 +156,7 @@ def _tracks(objects: list[Any], metadata: dict[str, Any]) -> Tracks:
 
     columns = [np.array(column) for column in zip(*rows, strict=True)]
     object_id, object_type, size, xyz, velocity, heading, valid = columns
-    with _naming("metadata"):
+    with base.naming("metadata"):
         is_of_interest = parts.of_interest(
             object_id,
             _integers(metadata.get("objects_of_interest", [])).tolist(),
@@ -220,7 +209,7 @@ def _radians(
 def _roads(roads: list[Any]) -> Polylines:
     features = []
     for index, road in enumerate(roads):
-        with _naming(f"roads[{index}]"):
+        with base.naming(f"roads[{index}]"):
             if road["type"] not in _MAP_TYPES:
                 raise ScenarioError(
                     f"'type' is {road['type']!r:.40}; known are {', '.join(_MAP_TYPES)}"
@@ -240,7 +229,7 @@ def _roads(roads: list[Any]) -> Polylines:
 
 def _lights(lanes: dict[str, Any], num_steps: int) -> Lights:
     columns = [(np.zeros(0, np.int64),) * 3 + (np.zeros((0, 3)),)]
-    with _naming("tl_states"):
+    with base.naming("tl_states"):
         for lane, light in lanes.items():
             step = _integers(light["time_index"])
             state = [
@@ -269,19 +258,8 @@ def _recognizes(head: bytes) -> bool:
 
 def _records(path: pathlib.Path) -> Iterator[Scenario | BadRecord]:
     fallback_id = path.name.removesuffix(".gz").removesuffix(".json")
-    try:
-        with base.opened(path) as stream:
-            record = base.take(stream, base.MAX_RECORD_BYTES + 1)
-        if len(record) > base.MAX_RECORD_BYTES:
-            raise ScenarioError(
-                f"the text is longer than {base.MAX_RECORD_BYTES} bytes; this is no "
-                "file of one scenario"
-            )
-    except ScenarioError as error:
-        yield BadRecord(path=path, record_index=0, reason=str(error))
-        return
     scene = functools.partial(convert, fallback_id=fallback_id)
-    yield base.outcome(scene, record, path, record_index=0)
+    return base.only_record(path, scene)
 
 
 READER = Reader(name=_NAME, recognizes=_recognizes, records=_records)
