@@ -5,10 +5,21 @@ import pathlib
 from collections.abc import Iterator
 
 from ..scenario import Scenario, ScenarioError
-from . import base, json_scenes, womd_example, womd_scenario
+from . import (
+    base,
+    json_scenes,
+    scenarionet,
+    womd_example,
+    womd_scenario,
+)
 from .base import BadRecord
 
-READERS = (womd_example.READER, womd_scenario.READER, json_scenes.READER)
+READERS = (
+    womd_example.READER,
+    womd_scenario.READER,
+    json_scenes.READER,
+    scenarionet.READER,
+)
 
 
 def read(path: pathlib.Path) -> Iterator[Scenario | BadRecord]:

@@ -14,7 +14,7 @@ from hypothesis import given, settings, strategies as st
 
 from drivetrain.sim.data import plain_pickle
 from drivetrain.sim.scenario import ScenarioError
-from tests.sim.data import files, malice
+from tests.sim.data import files, malice, pickles
 
 PROTOCOLS = (2, 3, 4, 5)
 MOST_MEMORY = 1 << 20  # bytes: what type checks take; the index would make 32 GiB
@@ -184,15 +184,6 @@ def test_every_cut_pickle_is_refused() -> None:
             plain_pickle.loads(data[:end])
 
 
-class Trusting(pickle.Unpickler):
-    """Loads a file that is trusted, with dictionaries for classes not installed."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        """Returns the class, or `dict` for one of MetaDrive."""
-        is_ours = module.startswith("metadrive")
-        return dict if is_ours else super().find_class(module, name)
-
-
 def same(found: Any, wanted: Any) -> bool:
     """Whether plain data are what `pickle` makes of them."""
     if isinstance(wanted, dict):
@@ -213,6 +204,4 @@ def same(found: Any, wanted: Any) -> bool:
 @pytest.mark.filterwarnings("ignore:numpy.core")  # the name of before NumPy 2
 @pytest.mark.parametrize("path", REAL_FILES, ids=lambda path: path.stem)
 def test_real_pickles_hold_what_pickle_says(path: pathlib.Path) -> None:
-    with path.open("rb") as stream:
-        wanted = Trusting(stream).load()
-    assert same(plain_pickle.loads(path.read_bytes()), wanted)
+    assert same(plain_pickle.loads(path.read_bytes()), pickles.trusted(path))
