@@ -8,6 +8,7 @@ from ..scenario import Scenario, ScenarioError
 from . import (
     base,
     json_scenes,
+    pufferdrive,
     scenarionet,
     womd_example,
     womd_scenario,
@@ -19,6 +20,7 @@ READERS = (
     womd_scenario.READER,
     json_scenes.READER,
     scenarionet.READER,
+    pufferdrive.READER,
 )
 
 
