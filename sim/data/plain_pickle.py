@@ -12,14 +12,14 @@ import numpy as np
 
 from ..scenario import ScenarioError
 from . import pickle_machine
-from .pickle_machine import Machine, Name
-from .plain_array import Array, Dtype
+from .pickle_machine import Machine
 
 MAX_INSTRUCTIONS = 1 << 21  # ten times those of the richest file seen
 MAX_SIZE = 1 << 26  # bytes of the data with everything that is shared written out
 MAX_DEPTH = 64  # containers around one another
 _LEAF_BYTES = 8
-_CONTAINERS = (dict, list, tuple)
+_CONTAINERS = frozenset((dict, list, tuple))
+_SMALL = frozenset((float, int, bool, type(None)))
 
 # The protocol, then what a dictionary or an object may begin with. Other formats have a
 # number here that is below 65,536, and so a third byte that is zero.
@@ -98,6 +98,12 @@ def _require_bounded(result: Any) -> None:
             del is_open[id(node)]
             sizes[id(node)] = _size(node, sizes)
         elif id(node) not in sizes:
+            inner = [
+                (part, False) for part in _parts(node) if type(part) in _CONTAINERS
+            ]
+            if not inner:
+                sizes[id(node)] = _size(node, sizes)
+                continue
             if id(node) in is_open:
                 raise ScenarioError("the pickle has a container that contains itself")
             is_open[id(node)] = None
@@ -107,30 +113,30 @@ def _require_bounded(result: Any) -> None:
                     "this is no file of one scenario"
                 )
             todo.append((node, True))
-            todo += [
-                (part, False) for part in _parts(node) if isinstance(part, _CONTAINERS)
-            ]
+            todo += inner
 
 
 def _parts(node: Any) -> Any:
-    return node.values() if isinstance(node, dict) else node
+    return node.values() if type(node) is dict else node
 
 
 def _size(node: Any, sizes: dict[int, int]) -> int:
     """Returns how many bytes a container stands for, from those of its parts."""
-    size = 0
+    size = _LEAF_BYTES * len(node)
     for part in _parts(node):
-        size += _LEAF_BYTES
-        if isinstance(part, _CONTAINERS):
+        kind = type(part)
+        if kind in _SMALL:
+            continue
+        if kind in _CONTAINERS:
             size += sizes[id(part)]
-        elif isinstance(part, str | bytes):
+        elif kind is str or kind is bytes:
             size += len(part)
-        elif isinstance(part, np.ndarray):
+        elif kind is np.ndarray:
             size += part.nbytes
-        elif isinstance(part, Name | Array | Dtype):
+        else:
             raise ScenarioError(
-                f"the pickle has a {type(part).__name__} where data belong; it is no "
-                "file of one scenario"
+                f"the pickle has a {kind.__name__} where data belong; it is no file of "
+                "one scenario"
             )
     if size > MAX_SIZE:
         raise ScenarioError(

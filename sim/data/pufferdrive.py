@@ -35,7 +35,7 @@ _PLACE_ROWS = 3
 _VALUE_BYTES = 4
 
 # What a head may say to be taken for one of this format.
-_MOST = {"objects": 10_000, "roads": 1_000_000, "steps": 10_000}
+_MOST = {"objects": 10_000, "roads": 100_000, "steps": 10_000}
 _OBJECT_KINDS = range(max(ObjectType) + 1)
 
 # As in the files of GPUDrive, from which these are made, only the kind is told.

@@ -13,7 +13,7 @@ from .. import scenario
 from ..scenario import Lights, LightState, ObjectType, Scenario, ScenarioError, Tracks
 from . import base, parts, plain_pickle, scenarionet_map
 from .base import BadRecord, Reader
-from .scenarionet_map import floats
+from .scenarionet_map import floats, mapping
 
 _NAME = "scenarionet"
 _PARTS = ("tracks", "map_features", "metadata")
@@ -22,6 +22,7 @@ _LIGHT_STATES = {f"LANE_STATE_{member.name}": member for member in LightState}
 _HISTORY = 1.0  # seconds up to the current step, where the file does not say
 _MAX_STATES = 1 << 22  # tracks times steps: beyond, this is no scenario
 _MOST_NAMED = 5  # of the words that are not known
+_WIDE_EGOS = "nuscenes"  # writes the width of its car as the length in every file
 _SIZES = ("length", "width", "height")
 
 
@@ -46,9 +47,8 @@ def convert(document: Any, fallback_id: str) -> Scenario:
         if not document[name]:
             raise ScenarioError(f"the mapping '{name}' is empty")
     metadata, features = document["metadata"], document["map_features"]
-    lit = document.get("dynamic_map_states") or {}
-    if not isinstance(lit, dict):
-        raise ScenarioError("'dynamic_map_states' is no mapping")
+    with base.naming("dynamic_map_states"):
+        lit = mapping(document.get("dynamic_map_states", {}))
     number = scenarionet_map.numbers(dict.fromkeys(map(str, [*features, *lit])))
     found = scenarionet_map.read_map(features, number)
 
@@ -59,7 +59,8 @@ def convert(document: Any, fallback_id: str) -> Scenario:
         tracks, _marked(document["tracks"], metadata)
     )
     is_wide = tracks.size[ego_index, 0] < tracks.size[ego_index, 1]
-    if is_wide and metadata.get("dataset") == "nuscenes":  # so in all of its files
+    source = metadata.get("dataset")
+    if is_wide and isinstance(source, str) and source == _WIDE_EGOS:
         tracks = _with_ego_turned(tracks, ego_index)
         assumptions += ("length and width of the ego are swapped",)
     scenario_id = document.get("id", fallback_id)
@@ -173,7 +174,7 @@ _Row = tuple[
 
 def _row(track: Any) -> _Row:
     """Returns type, place, heading, velocity, size and validity of a track."""
-    state, kind = track["state"], track["type"]
+    state, kind = mapping(mapping(track)["state"]), track["type"]
     valid = floats(state["valid"])
     if valid.ndim != 1:
         raise ValueError(f"'valid' has {valid.ndim} dimensions, not one")
@@ -219,8 +220,9 @@ def _lights(lit: dict[Any, Any], number: dict[str, int], num_steps: int) -> Ligh
     columns = [(np.zeros(0, np.int64),) * 3 + (np.zeros((0, 3)), np.zeros(0, bool))]
     for name, light in lit.items():
         with base.naming(f"dynamic_map_states[{str(name)[:40]!r}]"):
-            state, is_told = _light_states(light["state"]["object_state"])
-            place = light["state"].get("stop_point", light.get("stop_point"))
+            told = mapping(mapping(light)["state"])
+            state, is_told = _light_states(told["object_state"])
+            place = told.get("stop_point", light.get("stop_point"))
             xyz = np.zeros((len(state), 3))
             xyz[:] = 0.0 if place is None else floats(place)
             # Older files have a place for each step, of zeros where nothing was seen.

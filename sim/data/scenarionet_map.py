@@ -79,6 +79,17 @@ def _flat(values: Sequence[Any]) -> Float[np.ndarray, " values"]:
     return np.array(values, np.float64)
 
 
+def mapping(value: Any) -> dict[Any, Any]:
+    """Returns a value that is a mapping.
+
+    Raises:
+        TypeError: if it is none.
+    """
+    if not isinstance(value, dict):
+        raise TypeError(f"a {type(value).__name__} where a mapping belongs")
+    return value
+
+
 def numbers(names: Iterable[str]) -> dict[str, int]:
     """Returns a number for each name: what it spells if all spell one, else its place.
 
@@ -108,7 +119,7 @@ def read_map(features: dict[Any, Any], number: dict[str, int]) -> Map:
     found, left_out = [], set()
     for name, content in features.items():
         with base.naming(f"map_features[{str(name)[:40]!r}]"):
-            kind = content["type"]
+            kind = mapping(content)["type"]
             if type(kind) is not str:
                 raise TypeError(f"its type is a {type(kind).__name__}")
             if kind in _KINDS:
@@ -209,8 +220,12 @@ def _named(content: dict[str, Any], field: str, number: dict[str, int]) -> list[
 
     The field lists names, numbers, or mappings with the name.
     """
-    names = []
-    for entry in content.get(field) or ():
+    names, entries = [], content.get(field)
+    if entries is None:
+        return []
+    if not isinstance(entries, list | tuple | np.ndarray):
+        raise TypeError(f"'{field}' is a {type(entries).__name__}")
+    for entry in entries.tolist() if isinstance(entries, np.ndarray) else entries:
         name = entry["feature_id"] if isinstance(entry, dict) else entry
         if type(name) is not str and type(name) is not int:
             raise TypeError(f"'{field}' names a {type(name).__name__}")

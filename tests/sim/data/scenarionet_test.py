@@ -226,7 +226,11 @@ def test_the_lists_beside_a_data_set_hold_nothing(
     [
         (["tracks"], [], "there is no mapping 'tracks'"),
         (["map_features"], {}, "the mapping 'map_features' is empty"),
-        (["dynamic_map_states"], [1], "'dynamic_map_states' is no mapping"),
+        (
+            ["dynamic_map_states"],
+            [1],
+            "dynamic_map_states is malformed: a list where a",
+        ),
         (["id"], 7, "'id' must be a text, got a int"),
         (["metadata", "sdc_id"], "none", "marked as 'none', which is no track"),
         (["metadata", "sdc_id"], [], "marked as list, which is no track"),
