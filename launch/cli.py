@@ -53,7 +53,8 @@ def prepare(
     drivetrain prepare 'womd/*.tfrecord*' data/womd
 
     Formats are told from the content: WOMD Scenario and tf.Example TFRecords, WOMD JSON
-    (Nocturne, GPUDrive); plain or gzip. A run that was cut continues where it was.
+    (Nocturne, GPUDrive), pickles of ScenarioNet, maps of PufferDrive; plain or gzip. A
+    run that was cut continues where it was.
 
     Args:
         paths: files or quoted patterns of files, and last the folder of the store.

@@ -1,8 +1,8 @@
 """Follows the instructions of a pickle that plain data need, and refuses all others.
 
-A pickle is a program for a small stack machine. What it calls classes and functions
-are names here, each with a meaning of ours: nothing is imported, nothing is called.
-Protocols 2 to 5, as `pickletools` of Python's library documents them.
+A pickle is a program for a small stack machine. `pickle_names` says what stands for the
+classes and functions that it names: nothing is imported, nothing is called. Protocols 2
+to 5, as `pickletools` of Python's library documents them.
 """
 
 import dataclasses
@@ -12,35 +12,12 @@ from typing import Any
 
 from ..scenario import ScenarioError
 from . import plain_array
+from .pickle_names import MAX_NAME, Name, known, made
 from .plain_array import Array, Dtype
 
 MAX_DECODED = 1 << 27  # bytes of arrays and of texts turned into bytes, in all
-MAX_NAME = 200
 MAX_INTEGER_BYTES = 8
 STOP = ord(".")
-
-_OBJECT_OF_METADRIVE = "metadrive.scenario.scenario_description."
-_DICTIONARIES = ("collections.OrderedDict", "collections.defaultdict")
-_SETS = ("builtins.set", "builtins.frozenset")
-_FACTORIES = tuple(
-    f"builtins.{name}" for name in "int long float bool str list dict".split()
-)
-_ARRAY_MODULES = ("numpy.core.", "numpy._core.")
-_ARRAY_NAMES = ("multiarray._reconstruct", "multiarray.scalar", "numeric._frombuffer")
-_KNOWN_NAMES = frozenset(
-    [
-        *(*_DICTIONARIES, *_SETS, *_FACTORIES),
-        *("numpy.ndarray", "numpy.dtype", "_codecs.encode", "builtins.bytes"),
-        *(module + name for module in _ARRAY_MODULES for name in _ARRAY_NAMES),
-    ]
-)
-
-
-@dataclasses.dataclass(frozen=True)
-class Name:
-    """A class or function that the pickle names."""
-
-    text: str  # with its module
 
 
 @dataclasses.dataclass(eq=False)
@@ -237,25 +214,14 @@ def _name_in_lines(machine: Machine) -> None:
     end = machine.data.index(b"\n", end + 1, end + 1 + MAX_NAME)
     name = machine.take(end - machine.at)[1:]
     machine.at += 1
-    machine.stack.append(_known(module.decode("ascii"), name.decode("ascii")))
+    machine.stack.append(known(module.decode("ascii"), name.decode("ascii")))
 
 
 def _name_on_stack(machine: Machine) -> None:
     name, module = machine.stack.pop(), machine.stack.pop()
     if type(module) is not str or type(name) is not str:
         raise TypeError("a name that is no text")
-    machine.stack.append(_known(module, name))
-
-
-def _known(module: str, name: str) -> Name:
-    """Returns a name that stands for plain data."""
-    text = f"{module}.{name}".replace("__builtin__.", "builtins.")
-    if text not in _KNOWN_NAMES and not text.startswith(_OBJECT_OF_METADRIVE):
-        raise ScenarioError(
-            f"the pickle names {text[:MAX_NAME]}, which is no plain data; it is not "
-            "run. A file of scenarios has no need of it: do not trust where it is from"
-        )
-    return Name(text)
+    machine.stack.append(known(module, name))
 
 
 def _call(machine: Machine) -> None:
@@ -263,37 +229,7 @@ def _call(machine: Machine) -> None:
     arguments, function = machine.stack.pop(), machine.stack.pop()
     if type(function) is not Name or type(arguments) is not tuple:
         raise TypeError("a call of what is no function")
-    machine.stack.append(_made(machine, function.text, arguments))
-
-
-def _made(machine: Machine, name: str, arguments: Any) -> Any:
-    """Returns what a function or class of this name makes of arguments."""
-    if name == "numpy.dtype":
-        return plain_array.dtype(arguments)
-    if name == "_codecs.encode" and type(arguments[0]) is str:
-        machine.charge(arguments[0])  # protocol 2 writes bytes so, and all as latin1
-        return arguments[0].encode("latin1")
-    if name == "builtins.bytes" and not arguments:
-        return b""
-    if name in _SETS and len(arguments) == 1 and type(arguments[0]) in (list, tuple):
-        return arguments[0]
-    is_object = name.startswith(_OBJECT_OF_METADRIVE) or name == _DICTIONARIES[0]
-    if (is_object and not arguments) or (
-        name == _DICTIONARIES[1] and all(type(factory) is Name for factory in arguments)
-    ):
-        return {}
-    if name.endswith(_ARRAY_NAMES[0]):
-        return Array()
-    if name.endswith(_ARRAY_NAMES[1]):
-        return plain_array.scalar(*arguments)
-    if name.endswith(_ARRAY_NAMES[2]):
-        data, found, shape, order = arguments
-        machine.charge(data)
-        is_fortran = type(order) is str and order == "F"
-        return plain_array.array(shape, found, is_fortran, data)
-    raise ScenarioError(
-        f"the pickle calls {name} in a way that plain data have no need of"
-    )
+    machine.stack.append(made(function.text, arguments, machine.charge))
 
 
 def _build(machine: Machine) -> None:

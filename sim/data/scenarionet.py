@@ -21,6 +21,7 @@ _OBJECT_TYPES = {member.name: member for member in ObjectType}
 _LIGHT_STATES = {f"LANE_STATE_{member.name}": member for member in LightState}
 _HISTORY = 1.0  # seconds up to the current step, where the file does not say
 _MAX_STATES = 1 << 22  # tracks times steps: beyond, this is no scenario
+_BEYOND_STATES = 1000  # numbers of states; `parts.lights` knows which there are
 _MOST_NAMED = 5  # of the words that are not known
 _WIDE_EGOS = "nuscenes"  # writes the width of its car as the length in every file
 _SIZES = ("length", "width", "height")
@@ -129,7 +130,9 @@ def _marked(tracks: dict[Any, Any], metadata: dict[Any, Any]) -> int | None:
 def _tracks(
     tracks: dict[Any, Any], metadata: dict[Any, Any], current_step: int, is_flat: bool
 ) -> Tracks:
-    number = scenarionet_map.numbers(map(str, tracks))
+    number = scenarionet_map.numbers(dict.fromkeys(map(str, tracks)))
+    if len(number) < len(tracks):
+        raise ScenarioError("two tracks have the same name, once as a number")
     rows: list[_Row] = []
     for name, track in tracks.items():
         with base.naming(f"tracks[{str(name)[:40]!r}]"):
@@ -244,22 +247,20 @@ def _light_states(
     states: Any,
 ) -> tuple[Int[np.ndarray, " steps"], Bool[np.ndarray, " steps"]]:
     """Returns what a light shows, told as words or numbers, and where it is told."""
-    if isinstance(states, np.ndarray) and states.dtype.kind in "biuf":
-        if states.ndim != 1:
-            raise ValueError("'object_state' is no list")
+    if isinstance(states, np.ndarray):
+        states = states.astype(np.int64) if states.dtype.kind in "biuf" else states
         states = states.tolist()
-    words = states.tolist() if isinstance(states, np.ndarray) else states
-    if not isinstance(words, list | tuple):
-        raise TypeError(f"'object_state' is a {type(words).__name__}")
-    known = [
-        _LIGHT_STATES.get(word, LightState.UNKNOWN) if isinstance(word, str) else word
-        for word in words
+    if not isinstance(states, list):
+        raise TypeError(f"'object_state' is a {type(states).__name__}")
+    shown = [
+        _LIGHT_STATES.get(state, LightState.UNKNOWN)
+        if isinstance(state, str)
+        else state
+        for state in states
     ]
-    state = [
-        s if isinstance(s, int) and 0 <= s <= max(LightState) else 0 for s in known
-    ]
-    is_told = [word is not None for word in words]
-    return np.array(state, np.int64), np.array(is_told, bool)
+    known = [s if isinstance(s, int) and abs(s) < _BEYOND_STATES else 0 for s in shown]
+    is_told = [state is not None for state in states]
+    return np.array(known, np.int64), np.array(is_told, bool)
 
 
 def _unknown_states(lit: dict[Any, Any]) -> list[str]:

@@ -30,6 +30,7 @@ _KINDS = {
 _PLACES = ("polyline", "polygon", "position")
 _BOUNDARY = "boundary"  # begins the ids of the outlines of the drivable area
 _SAME_POINT = 0.01  # metres between the ends of a ring
+_GRAPH = ("entry_lanes", "exit_lanes")
 _LIMITS = {"speed_limit_kmh": parts.KMH, "speed_limit_mph": parts.MPH}
 
 
@@ -38,7 +39,7 @@ class Map:
     """What the map features say."""
 
     roads: Polylines
-    lane_links: LaneLinks | None  # None where no feature names another
+    lane_links: LaneLinks | None  # None where lanes do not name one another
     is_flat: bool  # has no heights
     assumptions: tuple[str, ...]
 
@@ -66,10 +67,11 @@ def floats(values: Any) -> Float[np.ndarray, "*shape"]:
         raise TypeError(f"a {type(values).__name__} where a list of numbers belongs")
     if not values or not isinstance(values[0], list | tuple | np.ndarray):
         return _flat(values)
-    rows = [row.tolist() if isinstance(row, np.ndarray) else row for row in values]
-    if len({len(row) for row in rows}) > 1:
+    if len({len(row) for row in values}) > 1:
         raise ValueError("rows of different lengths")
-    return _flat([*itertools.chain.from_iterable(rows)]).reshape(len(rows), -1)
+    if all(isinstance(row, np.ndarray) for row in values):
+        return floats(np.stack(values))
+    return _flat([*itertools.chain.from_iterable(values)]).reshape(len(values), -1)
 
 
 def _flat(values: Sequence[Any]) -> Float[np.ndarray, " values"]:
@@ -192,7 +194,9 @@ def _polylines(
 
 
 def _lane_links(features: list[_Feature], number: dict[str, int]) -> LaneLinks | None:
-    """Returns what the features say of one another; None if they say nothing."""
+    """Returns what features say of one another; None if they have no place for it."""
+    if not any(field in f.content for f in features for field in _GRAPH):
+        return None
     successor, neighbor, stop, limits = [], [], [], {}
     for feature in features:
         own, content = number[feature.name], feature.content
@@ -210,8 +214,6 @@ def _lane_links(features: list[_Feature], number: dict[str, int]) -> LaneLinks |
             for field, unit in _LIMITS.items():
                 if content.get(field) is not None and own not in limits:
                     limits[own] = float(floats([content[field]])[0]) * unit
-    if not (successor or neighbor or stop):
-        return None
     return parts.lane_links(successor, neighbor, stop, limits)
 
 

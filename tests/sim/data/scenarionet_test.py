@@ -16,11 +16,10 @@ from drivetrain.sim.data.base import BadRecord
 from drivetrain.sim.scenario import (
     DRIVING_LANES,
     LANES,
-    MapType,
     Scenario,
     ScenarioError,
 )
-from tests.sim.data import files, pickles, sides
+from tests.sim.data import files, formats, pickles, sides
 
 REAL_FILES = sorted((files.REAL_DATA / "scenarionet").glob("*.pkl"))
 ROUNDING = 1e-12  # float64, from miles per hour to kilometres and back
@@ -32,12 +31,8 @@ MOSTLY = 0.97  # of the steps: a car may touch the gutter, a map leave out a yar
 
 def written(seed: int = 0) -> Scenario:
     """Returns a scenario as the reader should name it, without links to nowhere."""
-    wanted = files.scenario(seed)
-    assert wanted.lane_links is not None
-    successor = wanted.lane_links.successor
-    known = np.isin(successor, wanted.roads.feature_id).all(axis=1)
-    links = dataclasses.replace(wanted.lane_links, successor=successor[known])
-    return dataclasses.replace(wanted, dataset="scenarionet", lane_links=links)
+    wanted = formats.with_known_links(files.scenario(seed))
+    return dataclasses.replace(wanted, dataset="scenarionet")
 
 
 def converted(document: Any) -> Scenario:
@@ -92,73 +87,12 @@ def test_sizes_may_be_columns() -> None:
     assert files.differences(converted(document).tracks, written().tracks) == []
 
 
-def renamed(document: dict[str, Any]) -> dict[str, Any]:
-    """Returns the document with map features that are named by words."""
-    named = {str(number): f"lane-{number}" for number in range(11, 22)}
-
-    def word(name: Any) -> str:
-        return named.get(str(name), "elsewhere")
-
-    features = {}
-    for name, feature in document["map_features"].items():
-        for field in ("entry_lanes", "exit_lanes", "lane"):
-            if field in feature:
-                feature[field] = [word(lane) for lane in feature[field]]
-        for field in ("left_neighbor", "right_neighbor"):
-            if field in feature:
-                feature[field] = [word(lane["feature_id"]) for lane in feature[field]]
-        features[word(name)] = feature
-    lights = {word(n): light for n, light in document["dynamic_map_states"].items()}
-    return document | {"map_features": features, "dynamic_map_states": lights}
-
-
-def test_names_that_are_words_are_numbered_in_their_order() -> None:
-    wanted, found = written(), converted(renamed(pickles.document(written())))
-    assert wanted.lane_links is not None
-    assert found.lane_links is not None
-    first = wanted.roads.feature_id[0]
-    assert np.array_equal(found.roads.feature_id, wanted.roads.feature_id - first)
-    assert np.array_equal(found.lights.lane_id, wanted.lights.lane_id - first)
-    for name in ("successor", "neighbor", "stop", "limited"):
-        numbers = getattr(wanted.lane_links, name) - first
-        assert np.array_equal(getattr(found.lane_links, name), numbers)
-
-
-def flat_document() -> dict[str, Any]:
-    """Returns a document as nuScenes has it: no heights, and rings around roads."""
-    document = pickles.document(dataclasses.replace(written(), lane_links=None))
-    square = np.array([[0.0, 0.0], [0.0, 9.0], [9.0, 9.0], [9.0, 0.0], [0.0, 0.0]])
-    lane = np.array([[1.0, 1.0, 3.14], [2.0, 2.0, -3.14]])
-    line = "ROAD_LINE_SOLID_SINGLE_WHITE"
-    return document | {
-        "map_features": {
-            "uuid": {"type": "LANE_SURFACE_STREET", "polyline": lane.tolist()},
-            "boundary_0": {"type": line, "polyline": square},
-            "boundary_1": {"type": line, "polyline": square[:3]},
-            "divider": {"type": line, "polyline": square},
-        }
-    }
-
-
-def test_outlines_of_the_drivable_area_are_road_edges() -> None:
-    found = converted(flat_document())
-    assert found.roads.map_type.tolist() == [2, MapType.EDGE_BOUNDARY, 7, 7]
-    edge = found.roads.points_of(1)
-    assert edge[:, :2].tolist() == [[0, 0], [9, 0], [9, 9], [0, 9], [0, 0]]
-    assert "road edges: from outlines of the drivable area" in found.assumptions
-
-
-def test_a_map_of_two_columns_is_flat_and_so_is_its_traffic() -> None:
-    found = converted(flat_document())
-    assert not found.roads.xyz[:, 2].any()
-    assert not found.tracks.xyz[..., 2].any()
-    assert "no heights" in found.assumptions
-
-
-def test_a_map_without_links_has_none() -> None:
-    found = converted(flat_document())
-    assert found.lane_links is None
-    assert "lane links from lane ends, no speed limits" in found.assumptions
+def test_two_tracks_of_one_name_are_refused() -> None:
+    document = pickles.document(written())
+    name = next(iter(document["tracks"]))
+    document["tracks"][int(name)] = document["tracks"][name]
+    with pytest.raises(ScenarioError, match="two tracks have the same name"):
+        converted(document)
 
 
 def test_an_ego_that_is_wider_than_long_is_turned() -> None:
