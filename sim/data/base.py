@@ -16,7 +16,7 @@ from .. import scenario
 from ..scenario import Scenario, ScenarioError
 
 HEAD_BYTES = 1 << 16
-MAX_RECORD_BYTES = 1 << 27  # ten times the largest record seen: beyond, a length lies
+MAX_RECORD_BYTES = 1 << 27  # thirty times the largest file of one scenario seen
 
 # The magic, the method, any flags and time, then a byte that gzip restricts: the length
 # of a TFRecord can imitate the magic (559,903 does), but then its checksum tells.

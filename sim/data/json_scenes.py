@@ -30,6 +30,8 @@ _NAME = "womd_json"
 _CURRENT_STEP = 10
 _MAX_RADIANS = 6.3  # a file with a larger heading is in degrees
 _PLACES = ("x", "y", "z")
+# Ten times those of the largest file seen. A value of two bytes takes a hundred.
+_MAX_VALUES = 1 << 21
 
 _OBJECT_TYPES = {member.name.lower(): member for member in ObjectType}
 _LIGHT_STATES = {member.name.lower(): member for member in LightState}
@@ -94,6 +96,11 @@ def convert(record: bytes, fallback_id: str) -> Scenario:
 
 def _document(record: bytes) -> dict[str, Any]:
     """Parses the text and finds the two lists that there must be."""
+    num_values = sum(map(record.count, (b",", b"[", b"{")))
+    if num_values > _MAX_VALUES:
+        raise ScenarioError(
+            f"the text has about {num_values} values; this is no file of one scenario"
+        )
     try:
         document = orjson.loads(record)
     except orjson.JSONDecodeError as error:

@@ -147,6 +147,8 @@ def _tracks(objects: list[_Block]) -> Tracks:
             f"the objects have {min(num_steps)} to {max(num_steps)} steps; all must "
             "have the same number"
         )
+    num_states = len(objects) * num_steps.pop()
+    parts.require_few(num_states, parts.MAX_STATES, "states of objects")
     rows = np.stack([block.rows for block in objects])
     valid = rows[:, -1].copy().view("<i4") == 1
     x, y, z, vx, vy, _, heading = rows[:, :-1].transpose(1, 0, 2)

@@ -20,7 +20,6 @@ _PARTS = ("tracks", "map_features", "metadata")
 _OBJECT_TYPES = {member.name: member for member in ObjectType}
 _LIGHT_STATES = {f"LANE_STATE_{member.name}": member for member in LightState}
 _HISTORY = 1.0  # seconds up to the current step, where the file does not say
-_MAX_STATES = 1 << 22  # tracks times steps: beyond, this is no scenario
 _BEYOND_STATES = 1000  # numbers of states; `parts.lights` knows which there are
 _MOST_NAMED = 5  # of the words that are not known
 _WIDE_EGOS = "nuscenes"  # writes the width of its car as the length in every file
@@ -140,11 +139,8 @@ def _tracks(
             num_steps = [len(row[-1]) for row in (rows[0], rows[-1])]
             if num_steps[0] != num_steps[1]:
                 raise ValueError(f"it has {num_steps[1]} steps, others {num_steps[0]}")
-            if len(tracks) * num_steps[0] > _MAX_STATES:
-                raise ValueError(
-                    f"{len(tracks)} tracks of {num_steps[0]} steps are more than "
-                    f"{_MAX_STATES} states"
-                )
+            num_states = len(tracks) * num_steps[0]
+            parts.require_few(num_states, parts.MAX_STATES, "states of tracks")
     columns = [np.array(column) for column in zip(*rows, strict=True)]
     object_type, xyz, yaw, velocity, size, valid = columns
     xyz = xyz * [1.0, 1.0, 0.0] if is_flat else xyz

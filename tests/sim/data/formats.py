@@ -152,7 +152,17 @@ def attacks_on_json() -> Files:
     return within | {
         "closed": closed,
         "an integer": b'{"roads": [1], "objects": [' + b"9" * DEEP + b"]}",
-        "many nulls": b'{"roads": [1], "objects": [' + b"null," * DEEP + b"null]}",
+        **{
+            f"many {value.decode()}": b'{"roads": [1], "objects": ['
+            + (value + b",") * (count << 20)
+            + b"1]}"
+            for value, count in (
+                (b"null", 1),
+                (b"{}", 40),
+                (b"1.5", 30),
+                (b'{"a":7}', 1),
+            )
+        },
         "zeros": gzip.compress(b"{", mtime=0) + ZEROS,
     }
 
@@ -164,6 +174,14 @@ def attacks_on_tfrecords() -> Files:
         header = struct.pack("<Q", length)
         return header + files.checksum(header) + payload
 
+    def filled(unit: bytes) -> bytes:
+        return unit * ((15 << 20) // len(unit))
+
+    whole = protos.scenario_proto(files.scenario(num_steps=13))
+    lane = protos.field(3, filled(protos.field(8, b"")))
+    integers = protos.field(2, protos.field(3, protos.field(1, filled(b"\x01"))))
+    numbered = protos.field(1, protos.field(1, b"state/id") + integers)
+    named = protos.field(1, protos.field(1, b"scenario/id") + protos.field(2, b""))
     nested = b""
     for _ in range(2000):
         nested = protos.field(1, nested)
@@ -173,6 +191,14 @@ def attacks_on_tfrecords() -> Files:
         "no payload": claiming(0),
         "many without payload": files.tfrecord(b"") * 10_000,
         "deep": files.tfrecord(nested),
+        "empty tracks": files.tfrecord(whole + filled(protos.field(2, b""))),
+        "empty states": files.tfrecord(
+            whole + protos.field(2, filled(protos.field(3, b"")))
+        ),
+        "empty features": files.tfrecord(whole + filled(protos.field(8, b""))),
+        "empty points": files.tfrecord(whole + protos.field(8, lane)),
+        "empty entries": files.tfrecord(protos.field(1, filled(protos.field(1, b"")))),
+        "many integers": files.tfrecord(protos.field(1, named + numbered)),
         "groups": files.tfrecord(b"\x0b" * 100_000),
         "endless varints": files.tfrecord(b"\x0a" + b"\xff" * 100_000),
         "zeros": gzip.compress(claiming(1 << 27), mtime=0) + ZEROS,
