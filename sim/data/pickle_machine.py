@@ -245,7 +245,7 @@ def _build(machine: Machine) -> None:
         machine.stack[-1] = plain_array.array(shape, found, is_fortran, data)
         if target.memo_index is not None:
             machine.memo[target.memo_index] = machine.stack[-1]
-    elif type(target) is not dict:  # whose attributes are left out: it had none as data
+    elif type(target) is not dict:  # attributes of a kind of dictionary are left out
         raise TypeError("a state is given to what has none")
 
 

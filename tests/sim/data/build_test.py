@@ -64,7 +64,7 @@ def test_the_format_is_told_from_the_content(
 @pytest.mark.parametrize("name", FORMATS)
 def test_one_reader_recognizes_a_file(name: str) -> None:
     made = FORMATS[name]
-    head = made.sealed(made.write(files.scenario()))[made.target]
+    head = made.sealed(made.write(files.scenario()))[made.attacked]
     names = [reader.name for reader in build.READERS if reader.recognizes(head)]
     assert names == [name]
 

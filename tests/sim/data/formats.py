@@ -41,8 +41,8 @@ class Format:
     each what tells damage (a checksum), and `target` is what is handed to the reader
     ("" for the folder). Where files hold documents, `document` and `dump` make such a
     file by way of one, which may be damaged too. `attacks` are files made to hurt, one
-    at a time in the place of `attacked`. `carried` leaves of a scenario what the format
-    can say.
+    at a time in the place of `attacked`, the file by which the format is told.
+    `carried` leaves of a scenario what the format can say.
     """
 
     write: Callable[[Scenario], Files]
