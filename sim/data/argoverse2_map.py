@@ -76,15 +76,15 @@ def convert(text: bytes) -> tuple[Polylines, LaneLinks]:
     segments, areas, crossings = (_members(document, name) for name in _PARTS)
     lanes = []
     for name, segment in segments:
-        with json_values.naming(f"map: lane segment {name}"):
+        with base.naming(f"map: lane segment {name}"):
             lanes.append(_lane(segment))
     rings = []
     for name, area in areas:
-        with json_values.naming(f"map: drivable area {name}"):
+        with base.naming(f"map: drivable area {name}"):
             rings.append(json_values.places(area["area_boundary"]))
     crosswalks = []
     for name, crossing in crossings:
-        with json_values.naming(f"map: pedestrian crossing {name}"):
+        with base.naming(f"map: pedestrian crossing {name}"):
             (crossing_id,) = json_values.integers([crossing["id"]]).tolist()
             crosswalks.append((MapType.CROSSWALK, crossing_id, _polygon(crossing)))
     lanes = _leading_the_same_way(lanes)

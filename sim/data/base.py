@@ -8,13 +8,14 @@ import pathlib
 import re
 import zlib
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
 from ..scenario import Scenario, ScenarioError
 
 HEAD_BYTES = 1 << 16
-MAX_RECORD_BYTES = 1 << 27  # ten times the largest record seen: beyond, a length lies
+MAX_RECORD_BYTES = 1 << 27  # thirty times the largest file of one scenario seen
 
 # The magic, the method, any flags and time, then a byte that gzip restricts: the length
 # of a TFRecord can imitate the magic (559,903 does), but then its checksum tells.
@@ -86,9 +87,53 @@ def head_of(path: pathlib.Path) -> bytes:
         return take(stream, HEAD_BYTES)
 
 
+def whole(path: pathlib.Path) -> bytes:
+    """Returns the decompressed bytes of a file that holds one scenario.
+
+    Raises:
+        ScenarioError: if the gzip data are damaged or cut off, or the file is longer
+            than a scenario can be.
+    """
+    with opened(path) as stream:
+        content = take(stream, MAX_RECORD_BYTES + 1)
+    if len(content) > MAX_RECORD_BYTES:
+        raise ScenarioError(
+            f"the file is longer than {MAX_RECORD_BYTES} bytes; this is no file of one "
+            "scenario"
+        )
+    return content
+
+
+def only_record(
+    path: pathlib.Path, convert: Callable[[bytes], Scenario]
+) -> Iterator[Scenario | BadRecord]:
+    """Yields what `convert` makes of a file that holds one scenario."""
+    try:
+        content = whole(path)
+    except ScenarioError as error:
+        yield BadRecord(path=path, record_index=0, reason=str(error))
+        return
+    yield outcome(convert, content, path, record_index=0)
+
+
+@contextlib.contextmanager
+def naming(place: str) -> Iterator[None]:
+    """Turns what Python says of a malformed part into a sentence that names it.
+
+    Raises:
+        ScenarioError: in the place of a KeyError, TypeError, ValueError or
+            OverflowError.
+    """
+    try:
+        yield
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        kind = "lacks" if isinstance(error, KeyError) else "is malformed:"
+        raise ScenarioError(f"{place} {kind} {str(error)[:200]}") from error
+
+
 def outcome(
-    convert: Callable[[bytes], Scenario],
-    record: bytes,
+    convert: Callable[[Any], Scenario],
+    record: Any,
     path: pathlib.Path,
     record_index: int,
 ) -> Scenario | BadRecord:

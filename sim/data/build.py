@@ -13,6 +13,8 @@ from . import (
     base,
     commonroad,
     json_scenes,
+    pufferdrive,
+    scenarionet,
     timeline as timelines,
     womd_example,
     womd_scenario,
@@ -27,6 +29,8 @@ READERS = (
     argoverse2.READER,
     commonroad.READER,
     json_scenes.READER,
+    scenarionet.READER,
+    pufferdrive.READER,
 )
 
 

@@ -27,6 +27,8 @@ from .base import BadRecord, Reader
 _NAME = "womd_json"
 _CURRENT_STEP = 10
 _MAX_RADIANS = 6.3  # a file with a larger heading is in degrees
+# Ten times those of the largest file seen. A value of two bytes takes a hundred.
+_MAX_VALUES = 1 << 21
 
 _OBJECT_TYPES = {member.name.lower(): member for member in ObjectType}
 _LIGHT_STATES = {member.name.lower(): member for member in LightState}
@@ -68,7 +70,7 @@ def convert(record: bytes, fallback_id: str) -> Scenario:
     """
     document = _document(record)
     metadata = _mapping(document, "metadata")
-    with json_values.naming("metadata"):
+    with base.naming("metadata"):
         mark = metadata.get("sdc_track_index")
         marked = None if mark is None else operator.index(mark)
     tracks = _tracks(document["objects"], metadata)
@@ -91,6 +93,11 @@ def convert(record: bytes, fallback_id: str) -> Scenario:
 
 def _document(record: bytes) -> dict[str, Any]:
     """Parses the text and finds the two lists that there must be."""
+    num_values = sum(map(record.count, (b",", b"[", b"{")))
+    if num_values > _MAX_VALUES:
+        raise ScenarioError(
+            f"the text has about {num_values} values; this is no file of one scenario"
+        )
     try:
         document = orjson.loads(record)
     except orjson.JSONDecodeError as error:
@@ -117,7 +124,7 @@ def _tracks(objects: list[Any], metadata: dict[str, Any]) -> Tracks:
     """Reads the objects, all of which must have the same number of steps."""
     rows = []
     for index, item in enumerate(objects):
-        with json_values.naming(f"objects[{index}]"):
+        with base.naming(f"objects[{index}]"):
             row = _object_row(item, index)
             num_steps = [len(column) for column in row[-4:]]
             if rows:
@@ -128,7 +135,7 @@ def _tracks(objects: list[Any], metadata: dict[str, Any]) -> Tracks:
 
     columns = [np.array(column) for column in zip(*rows, strict=True)]
     object_id, object_type, size, xyz, velocity, heading, valid = columns
-    with json_values.naming("metadata"):
+    with base.naming("metadata"):
         is_of_interest = parts.of_interest(
             object_id,
             json_values.integers(metadata.get("objects_of_interest", [])).tolist(),
@@ -181,7 +188,7 @@ def _radians(
 def _roads(roads: list[Any]) -> Polylines:
     features = []
     for index, road in enumerate(roads):
-        with json_values.naming(f"roads[{index}]"):
+        with base.naming(f"roads[{index}]"):
             if road["type"] not in _MAP_TYPES:
                 raise ScenarioError(
                     f"'type' is {road['type']!r:.40}; known are {', '.join(_MAP_TYPES)}"
@@ -205,7 +212,7 @@ def _roads(roads: list[Any]) -> Polylines:
 
 def _lights(lanes: dict[str, Any], num_steps: int) -> Lights:
     columns = [(np.zeros(0, np.int64),) * 3 + (np.zeros((0, 3)),)]
-    with json_values.naming("tl_states"):
+    with base.naming("tl_states"):
         for lane, light in lanes.items():
             step = json_values.integers(light["time_index"])
             state = [
@@ -240,19 +247,8 @@ def _recognizes(head: bytes) -> bool:
 
 def _records(path: pathlib.Path) -> Iterator[Scenario | BadRecord]:
     fallback_id = path.name.removesuffix(".gz").removesuffix(".json")
-    try:
-        with base.opened(path) as stream:
-            record = base.take(stream, base.MAX_RECORD_BYTES + 1)
-        if len(record) > base.MAX_RECORD_BYTES:
-            raise ScenarioError(
-                f"the text is longer than {base.MAX_RECORD_BYTES} bytes; this is no "
-                "file of one scenario"
-            )
-    except ScenarioError as error:
-        yield BadRecord(path=path, record_index=0, reason=str(error))
-        return
     scene = functools.partial(convert, fallback_id=fallback_id)
-    yield base.outcome(scene, record, path, record_index=0)
+    return base.only_record(path, scene)
 
 
 READER = Reader(name=_NAME, recognizes=_recognizes, records=_records)

@@ -1,32 +1,15 @@
-"""Takes numbers out of parsed JSON, and names the part that holds none."""
+"""Takes numbers out of parsed JSON; what is none is an error of types or values."""
 
 import array
-import contextlib
 import itertools
 import operator
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from ..scenario import ScenarioError
-
 _PLACES = ("x", "y", "z")
-
-
-@contextlib.contextmanager
-def naming(place: str) -> Iterator[None]:
-    """Turns what Python says of a malformed part into a sentence that names it.
-
-    Raises:
-        ScenarioError: in place of an error of keys, types or values.
-    """
-    try:
-        yield
-    except (KeyError, TypeError, ValueError, OverflowError) as error:
-        kind = "lacks" if isinstance(error, KeyError) else "is malformed:"
-        raise ScenarioError(f"{place} {kind} {str(error)[:200]}") from error
 
 
 # array.array takes numbers alone; NumPy would also take texts, nulls and ragged lists.

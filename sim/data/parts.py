@@ -18,7 +18,22 @@ from ..scenario import (
 
 MPH, KMH = 0.44704, 1 / 3.6  # metres per second
 POLYGONS = (MapType.CROSSWALK, MapType.SPEED_BUMP, MapType.DRIVEWAY)
+MAX_STATES = 1 << 20  # tracks times steps: five times a crowd of 1,000 over 20 s
+MAX_POINTS = 1 << 21  # of a map: fifty times the largest seen
 MAX_LIGHT_STEPS = 10**7  # beyond, a damaged record would ask for gigabytes
+
+
+def require_few(count: int, most: int, what: str) -> None:
+    """Checks a count before memory is asked for on its word.
+
+    Raises:
+        ScenarioError: if there are more than the most that a scenario has.
+    """
+    if count > most:
+        raise ScenarioError(
+            f"there are {count} {what}, and at most {most} are read; this is no file "
+            "of one scenario"
+        )
 
 
 def zero_unless(

@@ -14,6 +14,9 @@ from ..scenario import Scenario, ScenarioError
 from . import base
 from .base import BadRecord
 
+# Ten times the largest record seen. Beyond, a length lies, or messages without content
+# ask for a hundred times as much memory as they have bytes.
+MAX_PAYLOAD_BYTES = 1 << 24
 _HEADER = struct.Struct("<QI")
 _FOOTER = struct.Struct("<I")
 
@@ -85,9 +88,9 @@ def _length(header: bytes) -> int:
             "the length of the record does not match its CRC-32C, so neither this "
             "record nor a later one can be found; copy the file again"
         )
-    if length > base.MAX_RECORD_BYTES:
+    if length > MAX_PAYLOAD_BYTES:
         raise ScenarioError(
-            f"the record claims {length} bytes, and at most {base.MAX_RECORD_BYTES} "
+            f"the record claims {length} bytes, and at most {MAX_PAYLOAD_BYTES} "
             "are read; this is no file of scenarios"
         )
     return length

@@ -32,6 +32,7 @@ _FEATURES = {
     "speed_bump": (MapType.SPEED_BUMP, "polygon"),
     "driveway": (MapType.DRIVEWAY, "polygon"),
 }
+_MOST_MESSAGES = 100_000  # of one kind: a hundred times what was seen
 _NUM_TYPES = {"lane": 4, "road_line": 9, "road_edge": 3}
 
 
@@ -51,6 +52,8 @@ def convert(record: bytes) -> Scenario:
     proto = wire.parse("Scenario", record)
     if not proto.scenario_id or not proto.tracks:
         raise ScenarioError("no scenario_id or no tracks: this is no Scenario of WOMD")
+    for field in ("tracks", "map_features", "dynamic_map_states"):
+        parts.require_few(len(getattr(proto, field)), _MOST_MESSAGES, field)
     if not proto.current_time_index >= 0:
         raise ScenarioError(
             f"current_time_index must be at least 0, got {proto.current_time_index}"
@@ -81,6 +84,7 @@ def _points(messages: list[bytes]) -> Float[np.ndarray, "points 3"]:
 
 def _tracks(proto: Any) -> Tracks:
     num_steps = [len(track.states) for track in proto.tracks]
+    parts.require_few(sum(num_steps), parts.MAX_STATES, "states of objects")
     if min(num_steps) != max(num_steps):
         raise ScenarioError(
             f"the tracks have {min(num_steps)} to {max(num_steps)} steps; all must have"
@@ -125,6 +129,8 @@ def _roads(proto: Any) -> Polylines:
             if feature.HasField(kind):
                 content = getattr(feature, kind)
                 run = getattr(content, field)
+                total = len(points) + len(run)
+                parts.require_few(total, parts.MAX_POINTS, "points of the map")
                 points.extend(run)
                 num_points.append(len(run))
                 map_type.append(first_type + _type_of(content, kind))

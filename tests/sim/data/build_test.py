@@ -2,43 +2,26 @@
 
 import dataclasses
 import gzip
+import math
 import os
 import pathlib
 import subprocess
 import sys
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
-import orjson
 import pytest
 
 from drivetrain.sim.data import build
 from drivetrain.sim.data.base import BadRecord
 from drivetrain.sim.scenario import Scenario
 from tests.sim.data import files, protos
+from tests.sim.data.formats import FORMATS
 
-NUM_MUTATIONS = 150
-NOT_MUCH = 0.05  # of the bytes of the records: what the interpreter itself keeps
-ABSURD = (None, -1, 2**63, 1e308, "x", [], {}, True, [[1]], {"x": None})
-
-
-def example_record(wanted: Scenario) -> bytes:
-    """Encodes a scenario as a tf.Example."""
-    return protos.example_proto(wanted.scenario_id, protos.example_features(wanted))
-
-
-def json_file(wanted: Scenario) -> bytes:
-    """Encodes a scenario as JSON."""
-    return orjson.dumps(files.json_document(wanted))
-
-
-FILES: dict[str, Callable[[Scenario], bytes]] = {
-    "womd_example": lambda wanted: files.tfrecord(example_record(wanted)),
-    "womd_scenario": lambda wanted: files.tfrecord(protos.scenario_proto(wanted)),
-    "womd_json": json_file,
-}
-RECORDS = {"womd_example": example_record, "womd_scenario": protos.scenario_proto}
+NOT_MUCH = 0.4  # of the bytes of the records: caches of libraries may grow by 1 MB
+# 2 mm, of which float32 at 20 km takes 1, and 0.1 degrees, whichever is the stricter.
+AGREEMENT = min(0.002, math.radians(0.1))
+WITH_ANY_NUMBER = ("womd_example", "womd_scenario", "scenarionet", "pufferdrive")
 
 
 def read(folder: pathlib.Path, data: bytes) -> list[Scenario | BadRecord]:
@@ -48,6 +31,14 @@ def read(folder: pathlib.Path, data: bytes) -> list[Scenario | BadRecord]:
     return list(build.read(path))
 
 
+def written(
+    folder: pathlib.Path, name: str, wanted: Scenario
+) -> list[Scenario | BadRecord]:
+    """Writes a scenario in a format and reads it back."""
+    made = FORMATS[name]
+    return list(build.read(made.put(folder, made.sealed(made.write(wanted)))))
+
+
 def reason(found: list[Scenario | BadRecord]) -> str:
     """Returns why the only record of a file cannot be used."""
     (bad,) = found
@@ -55,22 +46,25 @@ def reason(found: list[Scenario | BadRecord]) -> str:
     return bad.reason
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("name", FORMATS)
 @pytest.mark.parametrize("compress", [bytes, gzip.compress], ids=["plain", "gzip"])
 def test_the_format_is_told_from_the_content(
     tmp_path: pathlib.Path, name: str, compress: Callable[[bytes], bytes]
 ) -> None:
-    wanted = files.scenario()
-    (found,) = read(tmp_path, compress(FILES[name](wanted)))
+    wanted, made = files.scenario(), FORMATS[name]
+    contents = made.sealed(made.write(wanted))
+    squeezed = {part: compress(content) for part, content in contents.items()}
+    (found,) = build.read(made.put(tmp_path, squeezed))
     assert isinstance(found, Scenario)
     assert found.dataset == name
-    assert found.scenario_id == wanted.scenario_id
-    assert files.differences(found.tracks, wanted.tracks) == []
+    assert found.scenario_id == made.carried(wanted).scenario_id
+    assert files.differences(found.tracks, made.carried(wanted).tracks) == []
 
 
-@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("name", FORMATS)
 def test_one_reader_recognizes_a_file(name: str) -> None:
-    head = FILES[name](files.scenario())
+    made = FORMATS[name]
+    head = made.sealed(made.write(files.scenario()))[made.attacked]
     names = [reader.name for reader in build.READERS if reader.recognizes(head)]
     assert names == [name]
 
@@ -84,8 +78,8 @@ def test_every_record_of_a_file_is_read(tmp_path: pathlib.Path) -> None:
 
 def test_a_log_without_a_future_is_too_short(tmp_path: pathlib.Path) -> None:
     short = files.without_future(files.scenario())
-    for name in FILES:
-        assert "too short: 11 steps" in reason(read(tmp_path, FILES[name](short)))
+    for name in FORMATS:
+        assert "too short: 11 steps" in reason(written(tmp_path, name, short))
 
 
 @pytest.mark.parametrize(
@@ -93,11 +87,7 @@ def test_a_log_without_a_future_is_too_short(tmp_path: pathlib.Path) -> None:
     [
         (b"", "the file is empty"),
         (gzip.compress(b"", mtime=0), "the file is empty"),
-        (
-            bytes(100),
-            "no known format; known: womd_example, womd_scenario, argoverse2, "
-            "commonroad, womd_json",
-        ),
+        (bytes(100), "no known format; known: womd_example, womd_scenario, argoverse2"),
         (b"OBJ1 is a head of another format", "no known format"),
         (b"PAR1 is a head of parquet", "the parquet data are damaged"),
         (b"{]", "the text is no valid JSON"),
@@ -118,16 +108,16 @@ def test_a_bad_file_is_named(
 def test_a_value_that_is_not_finite_is_named(tmp_path: pathlib.Path) -> None:
     wanted = files.scenario()
     wanted.tracks.xyz[-1, 12, 1] = np.nan
-    for name in RECORDS:
+    for name in WITH_ANY_NUMBER:
         sentence = "tracks.xyz[4, 12, 1] is nan: not a finite number"
-        assert sentence in reason(read(tmp_path, FILES[name](wanted)))
+        assert sentence in reason(written(tmp_path, name, wanted))
 
 
 def test_a_value_beyond_the_earth_is_named(tmp_path: pathlib.Path) -> None:
     wanted = files.scenario()
     wanted.roads.xyz[3, 0] = 1e30
-    for name in FILES:
-        assert "roads.xyz[3, 0] is" in reason(read(tmp_path, FILES[name](wanted)))
+    for name in FORMATS:
+        assert "roads.xyz[3, 0] is" in reason(written(tmp_path, name, wanted))
 
 
 def test_paths_that_are_no_files_are_errors(tmp_path: pathlib.Path) -> None:
@@ -143,52 +133,6 @@ def test_a_file_that_may_not_be_read_is_an_error(tmp_path: pathlib.Path) -> None
     path.touch(mode=0)
     with pytest.raises(PermissionError, match="may not be read; check its owner"):
         build.read(path)
-
-
-@pytest.mark.parametrize("name", FILES)
-@pytest.mark.parametrize("compress", [bytes, gzip.compress], ids=["plain", "gzip"])
-def test_damaged_files_end_in_scenarios_or_sentences(
-    tmp_path: pathlib.Path, name: str, compress: Callable[[bytes], bytes]
-) -> None:
-    rng = np.random.default_rng(0)
-    data = compress(FILES[name](files.scenario(num_steps=13)))
-    for _ in range(NUM_MUTATIONS):
-        found = read(tmp_path, files.mutated(data, rng))
-        assert all(isinstance(item, Scenario | BadRecord) for item in found)
-
-
-@pytest.mark.parametrize("name", RECORDS)
-def test_damage_that_no_checksum_sees_ends_in_a_scenario_or_a_sentence(
-    tmp_path: pathlib.Path, name: str
-) -> None:
-    rng = np.random.default_rng(0)
-    record = RECORDS[name](files.scenario(num_steps=13))
-    for _ in range(2 * NUM_MUTATIONS):
-        (found,) = read(tmp_path, files.tfrecord(files.mutated(record, rng)))
-        assert isinstance(found, Scenario | BadRecord)
-
-
-def test_absurd_values_in_json_end_in_a_scenario_or_a_sentence(
-    tmp_path: pathlib.Path,
-) -> None:
-    rng = np.random.default_rng(0)
-    for _ in range(2 * NUM_MUTATIONS):
-        document = files.json_document(files.scenario(num_steps=13))
-        replace_some_part(document, rng)
-        (found,) = read(tmp_path, orjson.dumps(document))
-        assert isinstance(found, Scenario | BadRecord)
-
-
-def replace_some_part(part: Any, rng: np.random.Generator) -> None:
-    """Puts an absurd value in a place that a random walk from the top comes to."""
-    while True:
-        places = list(part) if isinstance(part, dict) else range(len(part))
-        place = places[int(rng.integers(len(places)))]
-        below = part[place]
-        if not isinstance(below, dict | list) or not below or rng.random() < 0.2:
-            part[place] = ABSURD[int(rng.integers(len(ABSURD)))]
-            return
-        part = below
 
 
 # Without the type checks of the tests, which remember each call.
@@ -212,7 +156,7 @@ def test_memory_does_not_grow_with_the_number_of_records(
     tmp_path: pathlib.Path,
 ) -> None:
     record = protos.scenario_proto(files.scenario())
-    counts = (1, 3, 103)  # the first reading loads what all share
+    counts = (1, 3, 403)  # the first reading loads what all share
     names = [str(tmp_path / str(count)) for count in counts]
     for name, count in zip(names, counts, strict=True):
         pathlib.Path(name).write_bytes(files.tfrecord(*[record] * count))
@@ -220,16 +164,29 @@ def test_memory_does_not_grow_with_the_number_of_records(
     shown = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     found = [tuple(map(int, line.split())) for line in shown.splitlines()]
     assert [num_read for num_read, _ in found] == list(counts)
-    assert found[2][1] - found[1][1] < NOT_MUCH * 100 * len(record)
+    assert found[2][1] - found[1][1] < NOT_MUCH * 400 * len(record)
 
 
-def test_scenarios_of_two_formats_agree(tmp_path: pathlib.Path) -> None:
-    wanted = files.scenario(seed=5)
-    one, *others = (read(tmp_path, FILES[name](wanted))[0] for name in FILES)
-    for other in others:
-        assert isinstance(one, Scenario)
-        assert isinstance(other, Scenario)
-        same_name = dataclasses.replace(
-            other, dataset=one.dataset, lane_links=one.lane_links
-        )
-        assert files.differences(same_name, one) == []
+def far_away(wanted: Scenario) -> Scenario:
+    """Returns a scenario moved to where maps of cities put it: 23 km from zero."""
+    tracks, roads, lights = wanted.tracks, wanted.roads, wanted.lights
+    place = np.array([12_000.0, -20_000.0, 50.0])
+    moved = (tracks.xyz + place) * tracks.valid[..., None]
+    return dataclasses.replace(
+        wanted,
+        tracks=dataclasses.replace(tracks, xyz=moved),
+        roads=dataclasses.replace(roads, xyz=roads.xyz + place),
+        lights=dataclasses.replace(lights, xyz=lights.xyz + place),
+    )
+
+
+@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("seed", range(3))
+def test_scenarios_of_all_formats_agree(
+    tmp_path: pathlib.Path, name: str, seed: int
+) -> None:
+    wanted, made = far_away(files.scenario(seed)), FORMATS[name]
+    (found,) = build.read(made.put(tmp_path, made.sealed(made.write(wanted))))
+    assert isinstance(found, Scenario)
+    told = dataclasses.replace(found, dataset=wanted.dataset, assumptions=())
+    assert files.differences(told, made.carried(wanted), AGREEMENT) == []

@@ -5,7 +5,6 @@ written as junk, as the data sets do. `protos` has the two protocol buffers.
 """
 
 import dataclasses
-import math
 import pathlib
 import struct
 from collections.abc import Callable, Sequence
@@ -229,22 +228,3 @@ def light_record(lights: Lights, index: int) -> dict[str, Any]:
     }
     words = [LightState(lights.state[index, step]).name.lower() for step in steps]
     return {"state": words, "time_index": steps.tolist(), **place}
-
-
-def mutated(data: bytes, rng: np.random.Generator) -> bytes:
-    """Damages bytes: flips bits, cuts, moves a slice, or writes an absurd number."""
-    changed = bytearray(data)
-    at = int(rng.integers(len(data)))
-    match int(rng.integers(4)):
-        case 0:
-            for flipped in rng.integers(len(data), size=rng.integers(1, 9)):
-                changed[flipped] ^= 1 << int(rng.integers(8))
-        case 1:
-            del changed[at:]
-        case 2:
-            length = int(2 ** rng.uniform(0, math.log2(len(data))))
-            changed[at:at] = changed[at // 2 : at // 2 + length]
-        case _:
-            absurd = (b"\xff" * 8, b"\x00" * 8, struct.pack("<d", math.nan), b"9" * 8)
-            changed[at : at + 8] = absurd[int(rng.integers(len(absurd)))]
-    return bytes(changed)

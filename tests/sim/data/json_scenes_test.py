@@ -167,3 +167,9 @@ def test_real_cars_head_where_they_go(index: int) -> None:
     turn = np.arctan2(velocity[..., 1], velocity[..., 0]) - yaw
     error = np.abs(np.angle(np.exp(1j * turn)))[moving]
     assert np.median(error) < MEDIAN_HEADING_ERROR
+
+
+def test_a_text_of_too_many_values_is_not_parsed() -> None:
+    text = b'{"roads": [1], "objects": [' + b"{}," * (1 << 20) + b"1]}"
+    with pytest.raises(ScenarioError, match="the text has about 2097156 values"):
+        json_scenes.convert(text, fallback_id="file")

@@ -97,3 +97,9 @@ def test_the_step_is_the_median_one() -> None:
         parts.step_length([1.0, 1.0, 1.0])
     with pytest.raises(ScenarioError, match="the times of the steps do not rise"):
         parts.step_length([0.0, np.nan])
+
+
+def test_a_count_beyond_the_most_is_named() -> None:
+    parts.require_few(3, 3, "states")
+    with pytest.raises(ScenarioError, match="there are 4 states, and at most 3 are"):
+        parts.require_few(4, 3, "states")

@@ -11,7 +11,7 @@ import pytest
 from drivetrain.sim.data import store, synthetic
 from drivetrain.sim.data.pack import PackConfig, pack
 from drivetrain.sim.data.packed import Packed
-from tests.sim.data import files
+from tests.sim.data import files, mutations
 
 NUM_MUTATIONS = 200
 
@@ -112,7 +112,7 @@ def test_damaged_bytes_give_a_scenario_or_a_sentence(packed):
     num_refused = 0
     for _ in range(NUM_MUTATIONS):
         try:
-            store.decode(files.mutated(record, rng))
+            store.decode(mutations.damaged(record, rng))
         except store.StoreError:
             num_refused += 1
 

@@ -113,3 +113,24 @@ def test_velocities_of_the_official_sample_are_those_of_its_positions() -> None:
     both = tracks.valid[:, 1:] & tracks.valid[:, :-1]
     error = np.diff(tracks.xyz[..., :2], axis=1) - tracks.velocity[:, 1:] * found.dt
     assert np.median(np.linalg.norm(error[both], axis=-1)) < MEDIAN_STEP_ERROR
+
+
+@pytest.mark.parametrize(
+    ("tail", "sentence"),
+    [
+        (protos.field(2, b"") * 100_001, "there are 100006 tracks"),
+        (
+            protos.field(2, protos.field(3, b"") * (1 << 20)),
+            "1048726 states of objects",
+        ),
+        (
+            protos.field(8, protos.field(3, protos.field(8, b"") * (1 << 21))),
+            "there are 20972.. points of the map",
+        ),
+    ],
+    ids=["tracks", "states", "points"],
+)
+def test_more_than_a_scenario_has_is_refused(tail: bytes, sentence: str) -> None:
+    proto = protos.scenario_proto(written()) + tail
+    with pytest.raises(ScenarioError, match=sentence):
+        womd_scenario.convert(proto)
