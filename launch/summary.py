@@ -184,8 +184,8 @@ def lines(figures: dict[str, Any]) -> list[str]:
     said = [
         f"Scenarios: {shares}.",
         f"In the bank: {mean / 1e3:.1f} KB a scenario, "
-        f"{figures['bytes_total'] / 1e6:,.1f} MB in all; the {WOMD_TRAINING:,} "
-        f"training scenarios of WOMD would take {figures['womd_training_gb']:.1f} GB.",
+        f"{figures['bytes_total'] / 1e6:,.1f} MB in all; at that, {WOMD_TRAINING:,} "
+        f"training scenarios, as WOMD has, take {figures['womd_training_gb']:.1f} GB.",
     ]
     for row in figures["datasets"]:
         sources = ", ".join(f"{name} {n:,}" for name, n in row["route_sources"].items())

@@ -39,7 +39,7 @@ def test_a_summary_counts_what_is_in_the_store(
     assert found["distributions"]["ego_speed"]["p50"] == np.median(speeds)
     assert found["shares"]["lights"] == np.mean([e.num_lights > 0 for e in entries])
     out = capsys.readouterr().out
-    assert "[m/s]" in out and "487,000 training scenarios of WOMD" in " ".join(
+    assert "[m/s]" in out and "487,000 training scenarios, as WOMD" in " ".join(
         out.split()
     )
     assert (tmp_path / "out.png").read_bytes().startswith(b"\x89PNG")
