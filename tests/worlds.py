@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from jaxtyping import Array, Float, Int
 
-from drivetrain.sim.data import bank as banks, build as readers, routes, synthetic
+from drivetrain.sim.data import bank as banks, build as readers, routes
 from drivetrain.sim.data.bank import Bank, Sizes
 from drivetrain.sim.data.pack import PackConfig, Packed, pack
+from drivetrain.sim.data.synthetic import generate as synthetic
 from drivetrain.sim.goals import logged_goal
 from drivetrain.sim.metrics.base import Measure, Moment
 from drivetrain.sim.metrics.build import measure_all

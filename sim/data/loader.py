@@ -10,9 +10,10 @@ from typing import Any, Literal
 import grain
 
 from ..scenario import ScenarioError
-from . import build as readers, store, synthetic
+from . import build as readers, store
 from .base import BadRecord
 from .pack import PackConfig, Packed, pack
+from .synthetic.generate import generate
 
 Split = Literal["all", "train", "test"]
 SYNTHETIC = "synthetic"
@@ -115,7 +116,7 @@ def _open(source: Source, bad: list[BadRecord]) -> Iterator[Packed]:
     config = PackConfig(quantize=source.quantize)
     if source.path.startswith(f"{SYNTHETIC}:"):
         seeds = synthetic_seeds(source.path)
-        return (pack(synthetic.generate(seed), config) for seed in seeds)
+        return (pack(generate(seed), config) for seed in seeds)
     if path.is_dir():
         records: Any = store.Records(path)
         return iter(grain.MapDataset.source(records).to_iter_dataset())

@@ -8,7 +8,7 @@ import pytest
 
 from drivetrain.launch import actions
 from drivetrain.launch.actions import Record
-from drivetrain.sim.data import synthetic
+from drivetrain.sim.data.synthetic import generate as synthetic
 
 SEEDS = (2, 3, 4)
 WORDS = ("--data", "synthetic:2:3", "--max-objects", "6", "--sim-agent", "idm")

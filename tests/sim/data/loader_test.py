@@ -5,9 +5,10 @@ import pathlib
 import orjson
 import pytest
 
-from drivetrain.sim.data import loader, prepare, store, synthetic
+from drivetrain.sim.data import loader, prepare, store
 from drivetrain.sim.data.loader import Source, SourceError
 from drivetrain.sim.data.pack import PackConfig, Packed, pack
+from drivetrain.sim.data.synthetic import generate as synthetic
 from tests.sim.data import files
 
 NUM_FILES = 6

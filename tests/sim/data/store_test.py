@@ -8,8 +8,9 @@ import msgpack
 import numpy as np
 import pytest
 
-from drivetrain.sim.data import store, synthetic
+from drivetrain.sim.data import store
 from drivetrain.sim.data.pack import PackConfig, Packed, pack
+from drivetrain.sim.data.synthetic import generate as synthetic
 from tests.sim.data import files
 
 NUM_MUTATIONS = 200

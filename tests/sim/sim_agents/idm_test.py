@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from jaxtyping import Array, Int
 
-from drivetrain.sim.data import synthetic
-from drivetrain.sim.data.synthetic import SyntheticConfig
+from drivetrain.sim.data.synthetic import generate as synthetic
+from drivetrain.sim.data.synthetic.generate import SyntheticConfig
 from drivetrain.sim.motion import Motion
 from drivetrain.sim.scenario import Scenario
 from drivetrain.sim.scene import Scene
@@ -110,7 +110,7 @@ def few(kind: str) -> tuple[Scenario, ...]:
     """Returns scenarios in which somebody is in somebody's way."""
     if kind == "real":
         return worlds.scenarios("real")[1:]
-    config = SyntheticConfig(min_others=10, max_others=12)
+    config = SyntheticConfig(max_others=12)
     return tuple(synthetic.generate(seed, config) for seed in range(3))
 
 

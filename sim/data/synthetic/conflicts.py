@@ -1,0 +1,111 @@
+"""Finds where the lanes of a town cross or run into each other."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .lines import Line, stations
+from .piece import Piece
+from .town import Town
+
+CLOSE = 2.7  # metres between the middles of lanes that cars cannot use side by side
+SAMPLES = 24  # points of a lane that are compared with those of others
+LONGEST = 1500  # points from the end of two lanes that run into one
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Zones:
+    """Stretches of two lanes on which one car at a time has room.
+
+    Zone i has the sides 2 i and 2 i + 1, one on each of its lanes.
+    """
+
+    lane: Int[np.ndarray, " sides"]
+    begin: Float[np.ndarray, " sides"]  # metres along the lane
+    end: Float[np.ndarray, " sides"]
+    yields: Int[np.ndarray, " sides"]  # 1 to the other side, 0 who is first, -1 not
+
+
+def zones(town: Town) -> Zones:
+    """Returns the zones of all pieces."""
+    rows: list[tuple[int, float, float, int]] = []
+    following = set(town.successor)
+    origins = _grouped((b, a) for a, b in town.successor)
+    targets = _grouped(town.successor)
+    for base, piece in zip(town.first_lane.tolist(), town.pieces, strict=True):
+        found = (
+            _merging(piece, base, targets)
+            if piece.kind in ("road", "ramp", "carpark")
+            else _crossing(piece, base)
+        )
+        for a, b, spans in found:
+            i, j = base + a, base + b
+            if {(i, j), (j, i)} & following or origins.get(i, {0}) & origins.get(
+                j, {1}
+            ):
+                continue
+            rank = piece.lanes[a].rank - piece.lanes[b].rank
+            rows.append((i, *spans[0], int(np.sign(-rank))))
+            rows.append((j, *spans[1], int(np.sign(rank))))
+    lane, begin, end, yields = zip(*rows, strict=True) if rows else ((),) * 4
+    return Zones(
+        lane=np.array(lane, int),
+        begin=np.array(begin, float),
+        end=np.array(end, float),
+        yields=np.array(yields, int),
+    )
+
+
+def _crossing(piece: Piece, base: int):
+    """Yields pairs of lanes that come close, with the stretches where they do [m]."""
+    del base
+    num = len(piece.lanes)
+    station = [stations(lane.line) for lane in piece.lanes]
+    share = np.linspace(0.0, 1.0, SAMPLES)
+    xy = np.empty((num, SAMPLES, 2))
+    for i, lane in enumerate(piece.lanes):
+        places = share * station[i][-1]
+        for axis in range(2):
+            xy[i, :, axis] = np.interp(places, station[i], lane.line[:, axis])
+    gap = xy[:, :, None, None] - xy[None, None]
+    close = gap[..., 0] ** 2 + gap[..., 1] ** 2 < CLOSE**2
+    mine = np.asarray(close.any(axis=3))  # lane, sample, other lane
+    for i in range(num):
+        for j in range(i + 1, num):
+            if mine[i, :, j].any():
+                spans = []
+                for lane, touched in ((i, mine[i, :, j]), (j, mine[j, :, i])):
+                    at = np.flatnonzero(touched)
+                    cell = station[lane][-1] / (SAMPLES - 1)
+                    begin = max((at[0] - 0.5) * cell, 0.0)
+                    end = min((at[-1] + 0.5) * cell, station[lane][-1])
+                    spans.append((float(begin), float(end)))
+                yield i, j, spans
+
+
+def _merging(piece: Piece, base: int, targets: dict[int, set[int]]):
+    """Yields pairs of lanes with a common successor, as `_crossing` does."""
+    num = len(piece.lanes)
+    for i in range(num):
+        for j in range(i + 1, num):
+            if targets.get(base + i, {0}) & targets.get(base + j, {1}):
+                a, b = piece.lanes[i].line, piece.lanes[j].line
+                yield i, j, [_close_end(a, b), _close_end(b, a)]
+
+
+def _close_end(line: Line, other: Line) -> tuple[float, float]:
+    """Returns the stretch up to a line's end on which another is close."""
+    num = min(len(line), len(other), LONGEST)
+    gap = line[::-1][:num] - other[::-1][:num]
+    apart = gap[:, 0] ** 2 + gap[:, 1] ** 2 > CLOSE**2
+    first = int(np.argmax(apart)) if apart.any() else num - 1
+    station = stations(line)
+    return float(station[len(line) - 1 - first]), float(station[-1])
+
+
+def _grouped(pairs) -> dict[int, set[int]]:
+    groups: dict[int, set[int]] = {}
+    for a, b in pairs:
+        groups.setdefault(a, set()).add(b)
+    return groups
