@@ -12,7 +12,7 @@ MAX_ACCELERATION, MAX_CURVATURE = 5.7, 0.27  # below the limits of the bicycle
 ROUNDING = 2.0**-15  # radians by which a car that stands may seem to turn
 TURNS = 0.5  # radians
 STANDS = 0.5  # metres that one moves at least who does not stand throughout
-TURN_WEIGHT, STANDING_WEIGHT = 4.0, 0.35
+TURN_WEIGHT, STANDING_WEIGHT = 10.0, 5.0
 
 
 def choose(

@@ -4,13 +4,13 @@ import numpy as np
 from jaxtyping import Float
 
 from ...scenario import ObjectType
-from .lines import Pose, ahead, headings, stations
+from .lines import Line, Pose, ahead, headings, stations
 from .mover import Mover, standing
 from .town import Town
 
 CURB_SPACING = (6.2, 22.0)  # metres from middle to middle
 LOT_WIDTH = 2.9  # metres from car to car on a lot
-LOT_DISTANCE = (4.0, 14.0)  # metres from a footway to a lot
+LOT_DISTANCE = (4.0, 26.0)  # metres from a footway to a lot
 CLEAR = 7.0  # metres between a lot and any lane
 REACH = 90.0  # metres from the origin
 
@@ -26,8 +26,10 @@ def parked(generator: np.random.Generator, town: Town, num_steps: int) -> list[M
             if generator.uniform() < share:
                 shift = generator.uniform(-0.3, 0.3)
                 poses.append(ahead(stall, shift, 0.0, generator.normal(0.0, 0.02)))
-    for _ in range(int(generator.integers(0, 9))):
-        poses += _lot(generator, town)
+    ways = [way for piece in town.pieces for way in piece.footways if _is_near(way)]
+    lanes = np.concatenate([lane.line[::5] for lane in town.lanes])
+    for _ in range(int(generator.integers(2, 46)) if ways else 0):
+        poses += _lot(generator, ways, lanes)
     near = [pose for pose in poses if pose.x**2 + pose.y**2 < REACH**2]
     return [
         standing(ObjectType.VEHICLE, _size(generator), pose, num_steps) for pose in near
@@ -51,18 +53,20 @@ def _at_curb(
     return poses
 
 
-def _lot(generator: np.random.Generator, town: Town) -> list[Pose]:
-    """Draws a row of cars beside a road, clear of all lanes."""
-    ways = [way for piece in town.pieces for way in piece.footways]
-    if not ways:
-        return []
+def _is_near(way: Line) -> bool:
+    x, y = way[len(way) // 2]
+    return bool(x * x + y * y < REACH**2)
+
+
+def _lot(generator: np.random.Generator, ways: list[Line], lanes: Line) -> list[Pose]:
+    """Draws a row of cars beside one of the ways, clear of all lanes."""
     way = ways[int(generator.integers(len(ways)))]
     at = int(generator.integers(1, len(way) - 1))
     along = way[at] - way[at - 1]
     yaw = float(np.arctan2(along[1], along[0]))
     sign = float(generator.choice([-1.0, 1.0]))
     distance = generator.uniform(*LOT_DISTANCE)
-    num = int(generator.integers(1, 8))
+    num = int(generator.integers(1, 10))
     is_along = bool(generator.uniform() < 0.3)
     spacing = 6.0 if is_along else LOT_WIDTH
     corner = Pose(float(way[at, 0]), float(way[at, 1]), yaw)
@@ -72,12 +76,10 @@ def _lot(generator: np.random.Generator, town: Town) -> list[Pose]:
         for i in range(num)
         if generator.uniform() < 0.8
     ]
-    lanes = np.concatenate([lane.line[::4] for lane in town.lanes])
-    return [
-        pose
-        for pose in poses
-        if ((lanes - np.array([pose.x, pose.y])) ** 2).sum(axis=1).min() > CLEAR**2
-    ]
+    at = np.array([[pose.x, pose.y] for pose in poses]).reshape(-1, 2)
+    gap = at[:, None] - lanes
+    is_clear = (gap[..., 0] ** 2 + gap[..., 1] ** 2).min(axis=1) > CLEAR**2
+    return [pose for pose, clear in zip(poses, is_clear, strict=True) if clear]
 
 
 def _size(generator: np.random.Generator) -> Float[np.ndarray, " 3"]:

@@ -11,14 +11,14 @@ from .network import NO_LIGHT
 from .signals import goes
 from .traffic import Start
 
-SPACING = (16.0, 130.0)  # metres from car to car, the mean of a scenario
+SPACING = (12.0, 90.0)  # metres from car to car, the mean of a scenario
 LEAST_SPACING = 4.0  # metres between cars, besides the length of one
 LONGEST = 12.0  # metres of a car at most
 QUEUE = 7.6  # metres from one waiting car to the next
 FIRST_WAITING = 4.0  # metres from a stop line to the first one's middle
-SHARE_OF_CYCLISTS = 0.025
+SHARE_OF_CYCLISTS = 0.06
 CAR_PARK_SHARE = 0.3  # of the cars that a road of that length would have
-MAX_DRIVERS = 64
+MAX_DRIVERS = 70
 BRAKING = 1.5  # metres per second squared that the first speeds leave before a line
 NEAR = 150.0  # metres from the origin, within which drivers begin
 SECONDS = 15.0  # for which a way must suffice

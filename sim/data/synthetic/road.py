@@ -17,7 +17,7 @@ PAINTED_SHOULDER = 0.8  # metres; a narrower shoulder has no line beside it
 PARKED_SIDE = 1.2  # metres from the edge to the middle of a parked car
 TAPER = 36.0  # metres in which a lane begins or ends
 CLEAR_END = 9.0  # metres before an end of the road where nobody parks
-FAST = 22.0  # metres per second from which on a road is a freeway
+FAST = 24.0  # metres per second from which on a road is a freeway
 MAX_TIGHTNESS = 1 / 25  # curvature of the middle of a road [1/m]
 
 

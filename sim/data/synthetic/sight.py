@@ -7,8 +7,8 @@ from .log import PlanarTracks
 
 RANGE = (58.0, 85.0)  # metres, the farthest at which things are seen in a scenario
 CLEAR = 14.0  # metres within which nothing is hidden
-SHARE_FAR = 0.35  # of the time in which things at the range are seen
-SWITCHING = 0.016  # chance in a step to be seen or hidden anew
+SHARE_FAR = 0.3  # of the time in which things at the range are seen
+SWITCHING = 0.032  # chance in a step to be seen or hidden anew
 
 
 def seen(

@@ -21,11 +21,12 @@ from .piece import Lane, Piece, Port
 from .profile import Profile
 
 REACH = 105.0  # metres from the origin beyond which nothing more is joined
-MAX_PIECES = 12
+MAX_PIECES = 16
 DRAWS = 3  # of a piece before a port stays open
 APART = 9.0  # metres between lanes of pieces that do not touch
 NEAR_PORT = 26.0  # metres around a port in which the pieces that it joins may be near
 JITTER = 0.2  # radians by which the arms of a junction are not square
+SHORT, LONG = (20.0, 45.0), (40.0, 100.0)  # metres of roads
 THINNED = 5  # of so many points of a lane one is compared
 
 Draw = Callable[[np.random.Generator], Piece]
@@ -59,10 +60,11 @@ def draw(generator: np.random.Generator, kind: str) -> Town:
     while waiting and len(placed) < MAX_PIECES:
         owner, number = waiting.pop(0)
         port = placed[owner].ports[number]
-        if np.sqrt(port.pose.x**2 + port.pose.y**2) > REACH:
+        is_far = bool(port.pose.x**2 + port.pose.y**2 > REACH**2)
+        if is_far and placed[owner].kind == "road":
             continue
         for _ in range(DRAWS):
-            new = _next(generator, placed[owner].kind, port)
+            new = _next(generator, placed[owner].kind, port, is_far)
             new = pieces.moved(new, _fit(new.ports[0], port))
             if _is_free(new, placed, port):
                 joints.append((port.ends, new.ports[0].begins, owner, len(placed)))
@@ -146,31 +148,33 @@ def _thinned(piece: Piece) -> Line:
     return np.concatenate([lane.line[::THINNED] for lane in piece.lanes])
 
 
-def _next(generator: np.random.Generator, kind: str, port: Port) -> Piece:
-    """Draws what follows a port: a road after all but roads."""
+def _next(generator: np.random.Generator, kind: str, port: Port, is_far: bool) -> Piece:
+    """Draws what follows a port: a road after all but roads, a short one far away."""
     entry = port.profile.reversed()  # as seen from inside the new piece, looking out
     if kind != "road":
-        return _street(generator, port.profile)
+        return _street(generator, port.profile, SHORT if is_far else LONG)
     if entry.left == 0 or entry.right == 0:
-        return _street(generator, port.profile)
+        return _street(generator, port.profile, LONG)
     chance = generator.uniform()
     if entry.is_small and chance < 0.1:
         return car_park.car_park(generator, _plain(port.profile))
     if entry.is_small and chance < 0.2:
         return roundabout.roundabout(generator, entry, _angles(generator, 3))
-    if chance < 0.35:
-        return _street(generator, port.profile)
+    if chance < 0.25:
+        return _street(generator, port.profile, LONG)
     return _crossroads(generator, entry)
 
 
-def _street(generator: np.random.Generator, begin: Profile) -> Piece:
+def _street(
+    generator: np.random.Generator, begin: Profile, lengths: tuple[float, float]
+) -> Piece:
     """Draws a road that begins as it is told, and may gain or lose a lane."""
     end = begin
     if generator.uniform() < 0.15 and not begin.has_bike_lanes:
         change = int(generator.choice([-1, 1]))
         if 1 <= begin.right + change <= 3 and begin.right:
             end = dataclasses.replace(end, right=begin.right + change)
-    length = generator.uniform(45.0, 110.0)
+    length = generator.uniform(*lengths)
     return road.road(road.curvature(generator, length, 0.6), begin, end)
 
 
@@ -230,7 +234,7 @@ def _control(
     generator: np.random.Generator, num_lanes: int, num_arms: int
 ) -> junction.Control:
     chance = generator.uniform()
-    if chance < (0.1, 0.6, 0.85)[num_lanes - 1]:
+    if chance < (0.08, 0.45, 0.7)[num_lanes - 1]:
         return "lights"
     if num_arms == 4 and num_lanes == 1 and chance < 0.6:
         return "all_way_stop"

@@ -10,10 +10,17 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ...scenario import DT
-from . import courses as ways, drivers as experts, lane_changes, right_of_way, signals
+from . import (
+    courses as ways,
+    drivers as experts,
+    lane_changes,
+    leaders,
+    right_of_way,
+    signals,
+)
 from .courses import Courses, Rules
 from .drivers import HARDEST, LINE_GAP, Drivers
-from .lane_changes import Bodies, Changes
+from .lane_changes import Changes
 from .lines import snap
 
 NOISE, NOISE_MEMORY = 0.12, 0.95  # metres per second squared; correlation of two steps
@@ -21,8 +28,9 @@ START_ROOM = 1.5  # metres that must open up before one who stands sets off
 STANDS = 0.3  # metres per second
 LEAST = 0.02  # metres per second: who would be slower stands
 AT_SIGN = 3.5  # metres from a stop line within which a car has come to it
-PAUSE = 4  # steps that drivers stand at a stop sign
-CHOICE = 5  # steps between the moments at which somebody may change lanes
+PAUSE = 3  # looks for which drivers stand at a stop sign
+LOOK = 2  # steps from one look around to the next
+CHOICE = 6  # steps between the moments at which somebody may change lanes
 PATIENCE = 0.15  # chance of a driver to think of it at such a moment
 
 
@@ -35,9 +43,13 @@ class State:
     acceleration: Float[np.ndarray, " drivers"]  # metres per second squared
     line: Int[np.ndarray, " drivers"]  # stop lines that lie behind
     commits: Bool[np.ndarray, " drivers"]  # goes on although its light turns red
-    stood: Int[np.ndarray, " drivers"]  # steps at the sign ahead
+    stood: Int[np.ndarray, " drivers"]  # looks at the sign ahead
     turn: Float[np.ndarray, " drivers"]  # step at which it came there, or infinite
     changes: Changes
+    wall: Float[np.ndarray, " drivers"]  # metres to where each must stop, or infinite
+    gap: Float[np.ndarray, " drivers"]  # metres to the leader, or infinite
+    leader_speed: Float[np.ndarray, " drivers"]  # metres per second
+    desired: Float[np.ndarray, " drivers"]  # metres per second
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -91,12 +103,14 @@ def drive(
     state = _first(start)
     logged = [_logged(state, current, courses, drivers)]
     for t in range(1, num_steps):
-        if t % CHOICE == 0:
+        if t > 1 and t % CHOICE == 1:
             state = _choose(
                 generator, rules, drivers, courses, state, thinks[t], (names, current)
             )
+        if t % LOOK == 1:
+            state = _look(rules, drivers, courses, state, is_walked[t - 1], t - 1)
         noise = snap(NOISE_MEMORY * noise + shocks[t])
-        state = _step(rules, drivers, courses, state, noise, is_walked[t - 1], t - 1)
+        state = _step(drivers, courses, state, noise)
         logged.append(_logged(state, current, courses, drivers))
     columns = [np.stack(values) for values in zip(*logged, strict=True)]
     return Drive(
@@ -130,6 +144,10 @@ def _first(start: Start) -> State:
         stood=np.zeros(num, int),
         turn=np.full(num, np.inf),
         changes=lane_changes.none(num),
+        wall=np.full(num, np.inf),
+        gap=np.full(num, np.inf),
+        leader_speed=np.zeros(num),
+        desired=np.ones(num),
     )
 
 
@@ -139,58 +157,79 @@ def _logged(state: State, way: np.ndarray, courses: Courses, drivers: Drivers):
     return way.copy(), state.station, state.speed, left, slope, is_there
 
 
-def _step(
+def _look(
     rules: Rules,
     drivers: Drivers,
     courses: Courses,
     state: State,
-    noise: Float[np.ndarray, " drivers"],
     is_walked: Bool[np.ndarray, " walks_plus_1"],
     t: int,
 ) -> State:
-    """Advances everybody by one step, by what they see at step t."""
+    """Lets everybody see, at step t, whom to follow and where to stop."""
     speed, station = state.speed, state.station
     state, to_line, closed = _at_line(rules, drivers, courses, state, t)
     front = station + drivers.size[:, 0] / 2
-    rows = np.arange(len(speed))
     gone = front >= courses.end
 
     walks = is_walked[courses.walk]
     wall = right_of_way.nearest_wall(courses.walk_hold - front[:, None], walks, speed)
     wall = np.minimum(wall, np.where(closed, to_line, np.inf))
+    meeting = right_of_way.meetings(courses, drivers, station, speed, state.turn)
     others = right_of_way.waits_for_others(
-        courses, rules.network, drivers, station, speed, state.turn, closed | gone
+        meeting, rules.network.zones.yields, speed, closed | gone
     )
-    wall = np.minimum(wall, others)
+    bodies = leaders.bodies_of(
+        courses, drivers.size[:, 0], station, speed, state.changes
+    )
+    gap, leader_speed = leaders.nearest(courses, bodies, front, drivers.size[:, 0])
+    limit = rules.network.limit[bodies.lane[: len(speed)]]
+    desired = np.minimum(drivers.desired * limit, drivers.top_speed)
+    return dataclasses.replace(
+        state,
+        wall=np.minimum(wall, others),
+        gap=gap,
+        leader_speed=leader_speed,
+        desired=desired,
+    )
 
-    gap, leader_speed = _leaders(courses, drivers, state, gone)
-    cells = np.minimum((station + speed * DT).astype(int), courses.allowed.shape[1] - 1)
-    allowed = courses.allowed[rows, cells]
-    desired = np.minimum(
-        drivers.desired * rules.network.limit[_lane(courses, drivers, station)[0]],
-        drivers.top_speed,
-    )
-    pull = experts.free(drivers, speed, np.maximum(desired, 1.0))
+
+def _step(
+    drivers: Drivers,
+    courses: Courses,
+    state: State,
+    noise: Float[np.ndarray, " drivers"],
+) -> State:
+    """Advances everybody by one step, by what they saw last.
+
+    A foot follows what IDM wants with a lag of first order, the reaction time.
+    """
+    speed, station, gap, wall = state.speed, state.station, state.gap, state.wall
+    pull = experts.free(drivers, speed, state.desired)
     push = np.maximum(
-        experts.interaction(drivers, speed, gap, speed - leader_speed),
+        experts.interaction(drivers, speed, gap, speed - state.leader_speed),
         experts.halt(drivers, speed, wall),
     )
-    wanted = np.clip(pull - push, -HARDEST, None) + noise * np.minimum(speed / 2, 1.0)
-    acceleration = state.acceleration + (wanted - state.acceleration) * np.minimum(
-        DT / drivers.reaction, 1.0
-    )
+    wanted = np.maximum(pull - push, -HARDEST) + noise * np.minimum(speed / 2, 1.0)
+    change = (wanted - state.acceleration) * np.minimum(DT / drivers.reaction, 1.0)
+    acceleration = state.acceleration + change
     room = np.minimum(gap - drivers.standstill, wall - LINE_GAP)
     acceleration[(speed == 0) & (room < START_ROOM)] = 0.0
+    cells = np.minimum((station + speed * DT).astype(int), courses.allowed.shape[1] - 1)
+    allowed = courses.allowed[np.arange(len(speed)), cells]
     acceleration = np.minimum(acceleration, (allowed - speed) / DT)
     acceleration = np.maximum(acceleration, -HARDEST)
     next_speed = np.maximum(speed + acceleration * DT, 0.0)
     next_speed[next_speed < np.where(acceleration > 0, LEAST, 2 * LEAST)] = 0.0
+    gone = station + drivers.size[:, 0] / 2 >= courses.end
     next_speed = np.where(gone, speed, snap(next_speed))
+    travelled = (speed + next_speed) / 2 * DT
     return dataclasses.replace(
         state,
-        station=snap(station + (speed + next_speed) / 2 * DT),
+        station=snap(station + travelled),
         speed=next_speed,
         acceleration=(next_speed - speed) / DT,
+        gap=np.maximum(gap + state.leader_speed * DT - travelled, leaders.LEAST_GAP),
+        wall=wall - travelled,
     )
 
 
@@ -235,66 +274,6 @@ def _at_line(
     return state, to_line, red | sign
 
 
-def _lane(
-    courses: Courses, drivers: Drivers, station: Float[np.ndarray, " drivers"]
-) -> tuple[Int[np.ndarray, " drivers"], Float[np.ndarray, " drivers"]]:
-    """Returns the lane in which each driver's rear is, and where in it [m]."""
-    rear = station - drivers.size[:, 0] / 2
-    rows = np.arange(len(station))
-    place = np.maximum(np.sum(rear[:, None] >= courses.begin, axis=1) - 1, 0)
-    return courses.lane[rows, place], rear - courses.begin[rows, place]
-
-
-def bodies_of(courses: Courses, drivers: Drivers, state: State) -> Bodies:
-    """Returns the drivers in their lanes, then those who change in their old ones."""
-    lane, rear = _lane(courses, drivers, state.station)
-    is_there = state.station + drivers.size[:, 0] / 2 < courses.end
-    both = lane_changes.is_in_both(state.changes, state.station) & is_there
-    half = drivers.size[:, 0] / 2
-    return Bodies(
-        lane=np.concatenate(
-            [
-                np.where(is_there, lane, lane_changes.NONE),
-                np.where(both, state.changes.old_lane, lane_changes.NONE),
-            ]
-        ),
-        rear=np.concatenate([rear, state.station + state.changes.old_shift - half]),
-        length=np.tile(drivers.size[:, 0], 2),
-        speed=np.tile(state.speed, 2),
-    )
-
-
-def _leaders(
-    courses: Courses,
-    drivers: Drivers,
-    state: State,
-    gone: Bool[np.ndarray, " drivers"],
-) -> tuple[Float[np.ndarray, " drivers"], Float[np.ndarray, " drivers"]]:
-    """Returns the gap to the next body on each driver's way [m], and its speed."""
-    bodies = bodies_of(courses, drivers, state)
-    num = len(state.station)
-    if not (bodies.lane[num:] >= 0).any():
-        bodies = Bodies(
-            lane=bodies.lane[:num],
-            rear=bodies.rear[:num],
-            length=bodies.length[:num],
-            speed=bodies.speed[:num],
-        )
-    place = courses.entry[:, bodies.lane] + bodies.rear
-    own_rear = state.station - drivers.size[:, 0] / 2
-    with np.errstate(invalid="ignore"):
-        ahead = (place > own_rear[:, None]) & (bodies.lane >= 0)
-        ahead &= bodies.rear < courses.reach[:, bodies.lane]
-    rows = np.arange(num)
-    ahead[rows, rows] = False
-    if len(bodies.lane) > num:
-        ahead[rows, num + rows] = False
-    place = np.where(ahead, place, np.inf)
-    leader = np.argmin(place, axis=1)
-    gap = place[rows, leader] - (state.station + drivers.size[:, 0] / 2)
-    return np.maximum(gap, 0.01), np.where(gap < np.inf, bodies.speed[leader], 0.0)
-
-
 def _choose(
     generator: np.random.Generator,
     rules: Rules,
@@ -306,7 +285,9 @@ def _choose(
 ) -> State:
     """Lets somebody change lanes; writes its new way into `courses` and `names`."""
     network = rules.network
-    bodies = bodies_of(courses, drivers, state)
+    bodies = leaders.bodies_of(
+        courses, drivers.size[:, 0], state.station, state.speed, state.changes
+    )
     num = len(state.station)
     place = bodies.rear[:num] + drivers.size[:, 0] / 2
     is_done = state.station > state.changes.begin + state.changes.length

@@ -24,7 +24,7 @@ def walkers(
 
     Who crosses at lights does so while those of the arm are red.
     """
-    amount = float(generator.choice([0.0, 2.0, 6.0, 16.0], p=[0.25, 0.35, 0.25, 0.15]))
+    amount = float(generator.choice([0.0, 3.0, 8.0, 24.0], p=[0.25, 0.35, 0.25, 0.15]))
     times = DT * np.arange(num_steps)
     pieces = rules.network.town.pieces
     ways = [w for p in pieces for w in p.footways if _is_near(w) and len(w) > 20]

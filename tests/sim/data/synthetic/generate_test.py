@@ -17,7 +17,7 @@ from drivetrain.sim.scenario import (
 )
 from tests.oracles import logs
 
-SEEDS = range(24)
+SEEDS = range(20)
 DT = 0.1
 MAX_ACCELERATION, MAX_CURVATURE = 6.0, 0.3  # the limits of the bicycle
 # Metres: arcs of 6 m radius are drawn with edges of 0.8 m, and a swerve of 2 m/s^2
@@ -225,7 +225,7 @@ def test_lights_of_a_junction_control_lanes_where_they_begin(
 
 def test_hardly_anybody_drives_past_a_red_light(scenarios: list[Scenario]) -> None:
     crossings = np.concatenate([lights_passed(scenario) for scenario in scenarios])
-    assert len(crossings) >= 5
+    assert len(crossings) >= 3
     # Who could not stop any more when the light turned yellow may come late.
     assert np.mean(np.isin(crossings, RED)) <= 0.02
 
