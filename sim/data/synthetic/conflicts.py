@@ -41,8 +41,8 @@ def zones(town: Town) -> Zones:
         )
         for a, b, spans in found:
             i, j = base + a, base + b
-            if {(i, j), (j, i)} & following or origins.get(i, {0}) & origins.get(
-                j, {1}
+            if {(i, j), (j, i)} & following or origins.get(i, {-1}) & origins.get(
+                j, {-2}
             ):
                 continue
             rank = piece.lanes[a].rank - piece.lanes[b].rank
@@ -89,7 +89,7 @@ def _merging(piece: Piece, base: int, targets: dict[int, set[int]]):
     num = len(piece.lanes)
     for i in range(num):
         for j in range(i + 1, num):
-            if targets.get(base + i, {0}) & targets.get(base + j, {1}):
+            if targets.get(base + i, {-1}) & targets.get(base + j, {-2}):
                 a, b = piece.lanes[i].line, piece.lanes[j].line
                 yield i, j, [_close_end(a, b), _close_end(b, a)]
 

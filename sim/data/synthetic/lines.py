@@ -13,6 +13,7 @@ STEP = 0.8  # metres between the points of a line
 GRID = 2.0**16  # per metre, per radian or whatever is snapped
 RAMP = 0.2  # of a bend's length in which its curvature grows, and again falls
 LEAST_TURN = 0.3  # radians; below, two poses are joined by a shift instead of a bend
+LEAST_STRAIGHT = 1e-6  # metres
 LEAST_TANGENT = 2.0  # metres of a bend on either side of its corner
 
 Line = Float[np.ndarray, "_ 2"]  # points, each line with a number of its own
@@ -167,9 +168,9 @@ def _bend_between(turn: float, before: float, after: float) -> Line:
     away = np.array([np.cos(turn), np.sin(turn)])
     end = np.array([before, 0.0]) + after * away
     points = [xy]
-    if before - tangent > 0.1:
+    if before - tangent > LEAST_STRAIGHT:
         points.insert(0, np.zeros((1, 2)))
-    if after - tangent > 0.1:
+    if after - tangent > LEAST_STRAIGHT:
         points.append(end[None])
     else:
         xy[-1] = end

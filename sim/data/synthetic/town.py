@@ -24,7 +24,7 @@ REACH = 105.0  # metres from the origin beyond which nothing more is joined
 MAX_PIECES = 16
 DRAWS = 3  # of a piece before a port stays open
 APART = 9.0  # metres between lanes of pieces that do not touch
-NEAR_PORT = 26.0  # metres around a port in which the pieces that it joins may be near
+NEAR_PORT = 26.0  # metres around a port in which the two pieces may be near
 JITTER = 0.2  # radians by which the arms of a junction are not square
 SHORT, LONG = (20.0, 45.0), (40.0, 100.0)  # metres of roads
 THINNED = 5  # of so many points of a lane one is compared
@@ -66,7 +66,7 @@ def draw(generator: np.random.Generator, kind: str) -> Town:
         for _ in range(DRAWS):
             new = _next(generator, placed[owner].kind, port, is_far)
             new = pieces.moved(new, _fit(new.ports[0], port))
-            if _is_free(new, placed, port):
+            if _is_free(new, placed, owner, port):
                 joints.append((port.ends, new.ports[0].begins, owner, len(placed)))
                 joints.append((new.ports[0].ends, port.begins, len(placed), owner))
                 waiting += [(len(placed), k) for k in range(1, len(new.ports))]
@@ -132,16 +132,24 @@ def _fit(own: Port, onto: Port) -> Pose:
     return Pose(float(onto.pose.x - x), float(onto.pose.y - y), yaw)
 
 
-def _is_free(new: Piece, placed: list[Piece], port: Port) -> bool:
-    """Tells if the lanes of a piece keep clear of all others but at its port."""
+def _is_free(new: Piece, placed: list[Piece], owner: int, port: Port) -> bool:
+    """Tells if the lanes of a piece keep clear of all others but at its port.
+
+    Args:
+        new: the piece, in its place.
+        placed: those that are there.
+        owner: which of them has the port.
+        port: which the piece is joined to.
+    """
     mine = _thinned(new)
-    away = mine - np.array([port.pose.x, port.pose.y])
-    mine = mine[np.sum(away**2, axis=1) > NEAR_PORT**2]
-    others = np.concatenate([_thinned(piece) for piece in placed])
-    if not len(mine):
-        return True
-    gap = mine[:, None] - others
-    return bool((gap[..., 0] ** 2 + gap[..., 1] ** 2).min() > APART**2)
+    gap = mine - np.array([port.pose.x, port.pose.y])
+    is_away = gap[:, 0] ** 2 + gap[:, 1] ** 2 > NEAR_PORT**2
+    for number, piece in enumerate(placed):
+        points = mine[is_away] if number == owner else mine
+        gap = points[:, None] - _thinned(piece)
+        if (gap[..., 0] ** 2 + gap[..., 1] ** 2 < APART**2).any():
+            return False
+    return True
 
 
 def _thinned(piece: Piece) -> Line:
