@@ -41,6 +41,8 @@ def car_park(generator: np.random.Generator, profile: Profile) -> Piece:
     out = lines.straight(
         Pose(length - 3.0, profile.lane_offset(0), np.pi), length - 3.0
     )
+    mouth = profile.half_width(1)
+    bump = [[2.0, -mouth], [3.0, -mouth], [3.0, mouth], [2.0, mouth], [2.0, -mouth]]
     limit = min(profile.limit, AISLE_SPEED)
     lanes = tuple(
         Lane(line=line, width=profile.lane_width, limit=limit) for line in (into, out)
@@ -52,7 +54,10 @@ def car_park(generator: np.random.Generator, profile: Profile) -> Piece:
         kind="carpark",
         ports=(port,),
         lanes=lanes,
-        shapes=((MapType.EDGE_BOUNDARY, _edge(profile, half, length, sides)),),
+        shapes=(
+            (MapType.EDGE_BOUNDARY, _edge(profile, half, length, sides)),
+            (MapType.SPEED_BUMP, np.array(bump)),
+        ),
         stalls=tuple(stalls),
     )
 

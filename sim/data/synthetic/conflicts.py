@@ -71,17 +71,21 @@ def _crossing(piece: Piece, base: int):
     gap = xy[:, :, None, None] - xy[None, None]
     close = gap[..., 0] ** 2 + gap[..., 1] ** 2 < CLOSE**2
     mine = np.asarray(close.any(axis=3))  # lane, sample, other lane
-    for i in range(num):
-        for j in range(i + 1, num):
-            if mine[i, :, j].any():
-                spans = []
-                for lane, touched in ((i, mine[i, :, j]), (j, mine[j, :, i])):
-                    at = np.flatnonzero(touched)
-                    cell = station[lane][-1] / (SAMPLES - 1)
-                    begin = max((at[0] - 0.5) * cell, 0.0)
-                    end = min((at[-1] + 0.5) * cell, station[lane][-1])
-                    spans.append((float(begin), float(end)))
-                yield i, j, spans
+    length = np.array([s[-1] for s in station])[:, None]
+    cell = length / (SAMPLES - 1)
+    begin = np.maximum((np.argmax(mine, axis=1) - 0.5) * cell, 0.0)
+    last = SAMPLES - 1 - np.argmax(mine[:, ::-1], axis=1)
+    end = np.minimum((last + 0.5) * cell, length)
+    meet = np.argwhere(np.triu(np.asarray(mine.any(axis=1)), 1))
+    for i, j in meet.tolist():
+        yield (
+            i,
+            j,
+            [
+                (float(begin[i, j]), float(end[i, j])),
+                (float(begin[j, i]), float(end[j, i])),
+            ],
+        )
 
 
 def _merging(piece: Piece, base: int, targets: dict[int, set[int]]):

@@ -6,13 +6,13 @@ from jaxtyping import Bool, Float
 from ...scenario import DT, ObjectType
 from .log import PlanarTracks
 
-NEAR = 55.0  # metres from the origin
+NEAR = 70.0  # metres from the origin
 MAX_LENGTH = 5.6  # metres of the ego
 MAX_ACCELERATION, MAX_CURVATURE = 5.7, 0.27  # below the limits of the bicycle
 ROUNDING = 2.0**-15  # radians by which a car that stands may seem to turn
 TURNS = 0.5  # radians
 STANDS = 0.5  # metres that one moves at least who does not stand throughout
-TURN_WEIGHT, STANDING_WEIGHT = 10.0, 5.0
+TURN_WEIGHT, STANDING_WEIGHT = 11.0, 8.0
 
 
 def choose(

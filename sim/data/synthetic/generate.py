@@ -7,7 +7,7 @@ reader returns it, paths included.
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ...scenario import Lights, MapType, Polylines, Scenario, Tracks, check
 from .. import parts, routes
@@ -29,8 +29,10 @@ from .log import PlanarTracks
 from .network import Network
 
 NUM_STEPS = 91
-WARM_UP = 40  # steps that are driven before the log begins
+WARM_UP = 32  # steps that are driven before the log begins
 FAR = 5000.0  # metres from the map's origin, at most, in each direction
+LIGHTS_SHARE = 0.7  # of the logs, that tell what lights show
+LIGHT_RANGE = 45.0  # metres from the ego at some step
 STEEPEST = 0.03  # rise per metre
 ATTEMPTS = 30  # at towns, until one has an ego
 LIKELY = {
@@ -107,7 +109,7 @@ def generate(seed: int, config: SyntheticConfig = DEFAULT_CONFIG) -> Scenario:
         ego_index=0,
         ego_source="marked",
         roads=roads,
-        lights=_lights(net, place),
+        lights=_lights(net, place, _seen_lights(generator, net, planar)),
         lane_links=parts.lane_links(
             successor=[(a + 1, b + 1) for a, b in town.successor],
             neighbor=[(a + 1, b + 1) for a, b in town.neighbor],
@@ -211,11 +213,23 @@ def _roads(net: Network, place: _Place) -> tuple[Polylines, list[tuple[int, int]
     return roads, stop
 
 
-def _lights(net: Network, place: _Place) -> Lights:
+def _seen_lights(
+    generator: np.random.Generator, net: Network, planar: PlanarTracks
+) -> Int[np.ndarray, " seen"]:
+    """Returns the lights that the ego comes near to; many logs show none at all."""
+    sees = generator.uniform() < LIGHTS_SHARE
     stops = np.array([net.town.lanes[lane].line[0] for lane in net.lit.tolist()])
-    state = net.light_state[:, WARM_UP:]
+    gap = stops.reshape(-1, 1, 2) - planar.xy[0]
+    near = (gap[..., 0] ** 2 + gap[..., 1] ** 2 < LIGHT_RANGE**2).any(axis=1)
+    return np.flatnonzero(near & sees)
+
+
+def _lights(net: Network, place: _Place, seen: Int[np.ndarray, " seen"]) -> Lights:
+    lit = net.lit[seen]
+    stops = np.array([net.town.lanes[lane].line[0] for lane in lit.tolist()])
+    state = net.light_state[seen, WARM_UP:]
     return Lights(
-        lane_id=1 + net.lit,
+        lane_id=1 + lit,
         xyz=place(stops.reshape(-1, 2)),
         state=state,
         valid=np.ones(state.shape, bool),

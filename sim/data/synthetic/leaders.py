@@ -21,13 +21,14 @@ def bodies_of(
     half = length / 2
     lane, rear = _lane(courses, length, station)
     is_there = station + half < courses.end
-    both = lane_changes.is_in_both(changes, station) & is_there
     none = lane_changes.NONE
+    lane = np.where(is_there, lane, none)
+    both = lane_changes.is_in_both(changes, station) & is_there
+    if not both.any():
+        return Bodies(lane=lane, rear=rear, length=length, speed=speed)
     old_rear = station + changes.old_shift - half
     return Bodies(
-        lane=np.concatenate(
-            [np.where(is_there, lane, none), np.where(both, changes.old_lane, none)]
-        ),
+        lane=np.concatenate([lane, np.where(both, changes.old_lane, none)]),
         rear=np.concatenate([rear, old_rear]),
         length=np.tile(length, 2),
         speed=np.tile(speed, 2),

@@ -65,7 +65,7 @@ def driven(
     left, slope = steering.steer(travelled, generator)
     left, slope = left + drive.left[first:].T, slope + drive.slope[first:].T
     lanes = network.town.lanes
-    ways: dict[int, movers.Way] = {}
+    ways: dict[tuple[int, ...], movers.Way] = {}
     result = []
     for row in range(len(drivers.desired)):
         used = drive.way[first:, row]
@@ -74,12 +74,13 @@ def driven(
             side -= _cyclist_side(network, drive.ways[int(used[0])][0])
         parts = []
         for name in np.unique(used).tolist():
-            if name not in ways:
-                ways[name] = movers.way([lanes[i].line for i in drive.ways[name]])
+            run = drive.ways[name]
+            if run not in ways:
+                ways[run] = movers.way([lanes[i].line for i in run])
             at = used == name
             parts.append(
                 movers.along(
-                    ways[name],
+                    ways[run],
                     station[row, at],
                     drive.speed[first:, row][at],
                     (left[row] + side)[at],

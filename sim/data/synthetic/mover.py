@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from ...scenario import ObjectType
 from . import lines
-from .lines import Line, Pose, snap
+from .lines import Line, Pose, snap, snapped
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -72,8 +72,8 @@ def standing(
     return Mover(
         object_type=object_type,
         size=size,
-        xy=snap(np.tile([pose.x, pose.y], (num_steps, 1))),
-        yaw=snap(np.full(num_steps, pose.yaw)),
+        xy=np.broadcast_to(snap(np.array([pose.x, pose.y])), (num_steps, 2)),
+        yaw=np.full(num_steps, snapped(pose.yaw)),
         velocity=np.zeros((num_steps, 2)),
         is_there=np.ones(num_steps, bool),
     )

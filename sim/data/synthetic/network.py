@@ -25,6 +25,10 @@ class Network:
     light: Int[np.ndarray, " lanes"]  # the light where it begins, or NO_LIGHT
     lit: Int[np.ndarray, " lights"]  # the lane of each light
     light_state: Int[np.ndarray, "lights steps"]  # LightState
+    goes: Bool[
+        np.ndarray, "lights_plus_1 steps"
+    ]  # green; the last is where no light is
+    warns: Bool[np.ndarray, "lights_plus_1 steps"]  # yellow
     successors: dict[int, tuple[int, ...]]
     neighbors: dict[int, tuple[int, ...]]
     curvature: tuple[Float[np.ndarray, " _"], ...]  # of each lane, unsigned [1/m]
@@ -42,6 +46,8 @@ def network(generator: np.random.Generator, town: Town, num_steps: int) -> Netwo
             if lane.group is not None:
                 lit.append(base + number)
                 shown.append(states[lane.group])
+    light_state = np.array(shown, int).reshape(-1, num_steps)
+    nowhere = np.ones((1, num_steps), bool)
     light = np.full(len(town.lanes), NO_LIGHT)
     light[lit] = np.arange(len(lit))
     curvature = [_curvature(lane.line) for lane in town.lanes]
@@ -53,7 +59,9 @@ def network(generator: np.random.Generator, town: Town, num_steps: int) -> Netwo
         stops=np.array([lane.stops for lane in town.lanes]),
         light=light,
         lit=np.array(lit, int),
-        light_state=np.array(shown, int).reshape(-1, num_steps),
+        light_state=light_state,
+        goes=np.concatenate([signals.goes(light_state), nowhere]),
+        warns=np.concatenate([signals.warns(light_state), ~nowhere]),
         successors=_grouped(town.successor),
         neighbors=_grouped(town.neighbor),
         curvature=tuple(curvature),

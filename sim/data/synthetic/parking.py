@@ -4,13 +4,13 @@ import numpy as np
 from jaxtyping import Float
 
 from ...scenario import ObjectType
-from .lines import Line, Pose, ahead, headings, stations
+from .lines import Line, Pose, ahead, headings, placed, stations
 from .mover import Mover, standing
 from .town import Town
 
 CURB_SPACING = (6.2, 22.0)  # metres from middle to middle
 LOT_WIDTH = 2.9  # metres from car to car on a lot
-LOT_DISTANCE = (4.0, 26.0)  # metres from a footway to a lot
+LOT_DISTANCE = (5.0, 36.0)  # metres from a footway to a lot
 CLEAR = 7.0  # metres between a lot and any lane
 REACH = 90.0  # metres from the origin
 
@@ -71,15 +71,19 @@ def _lot(generator: np.random.Generator, ways: list[Line], lanes: Line) -> list[
     spacing = 6.0 if is_along else LOT_WIDTH
     corner = Pose(float(way[at, 0]), float(way[at, 1]), yaw)
     facing = (0.0 if is_along else np.pi / 2) + np.pi * (generator.uniform() < 0.5)
-    poses = [
-        ahead(corner, spacing * i, sign * distance, facing + generator.normal(0, 0.03))
-        for i in range(num)
-        if generator.uniform() < 0.8
-    ]
-    at = np.array([[pose.x, pose.y] for pose in poses]).reshape(-1, 2)
+    forward = spacing * np.arange(num)
+    at = placed(np.stack([forward, np.full(num, sign * distance)], axis=-1), corner)
+    turn = generator.normal(yaw + facing, 0.03, num)
+    is_free = generator.uniform(size=num) < 0.8
     gap = at[:, None] - lanes
-    is_clear = (gap[..., 0] ** 2 + gap[..., 1] ** 2).min(axis=1) > CLEAR**2
-    return [pose for pose, clear in zip(poses, is_clear, strict=True) if clear]
+    is_free &= (gap[..., 0] ** 2 + gap[..., 1] ** 2).min(axis=1) > CLEAR**2
+    return [
+        Pose(x, y, heading)
+        for (x, y), heading, free in zip(
+            at.tolist(), turn.tolist(), is_free, strict=True
+        )
+        if free
+    ]
 
 
 def _size(generator: np.random.Generator) -> Float[np.ndarray, " 3"]:

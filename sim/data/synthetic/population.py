@@ -129,5 +129,4 @@ def _speed(
     )
     if ends_at_rule:
         speed = min(speed, float(np.sqrt(2 * BRAKING * to_end)))
-    slow = float(np.sqrt(2 * BRAKING * to_end + 16.0))  # for a bend behind the end
-    return float(min(speed, slow))
+    return float(speed)

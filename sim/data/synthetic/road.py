@@ -17,6 +17,7 @@ PAINTED_SHOULDER = 0.8  # metres; a narrower shoulder has no line beside it
 PARKED_SIDE = 1.2  # metres from the edge to the middle of a parked car
 TAPER = 36.0  # metres in which a lane begins or ends
 CLEAR_END = 9.0  # metres before an end of the road where nobody parks
+DRIVEWAY_SHARE = 0.15  # of the roads
 FAST = 24.0  # metres per second from which on a road is a freeway
 MAX_TIGHTNESS = 1 / 25  # curvature of the middle of a road [1/m]
 
@@ -70,6 +71,23 @@ def road(curvature: Float[np.ndarray, " cells"], begin: Profile, end: Profile) -
         footways=(right.footway, left.footway),
         curbs=tuple(s.curb for s in (right, left) if s.curb is not None),
     )
+
+
+def with_driveways(generator: np.random.Generator, piece: Piece) -> Piece:
+    """Returns the road with some driveways beside it, or more often without."""
+    num = int(generator.integers(1, 5)) * (generator.uniform() < DRIVEWAY_SHARE)
+    shapes = []
+    for _ in range(num):
+        way = piece.footways[int(generator.integers(len(piece.footways)))]
+        at = int(generator.integers(1, len(way)))
+        x, y = way[at].tolist()
+        along = way[at] - way[at - 1]
+        corner = Pose(x, y, float(np.arctan2(along[1], along[0])))
+        wide, deep = generator.uniform(4.0, 7.0), -generator.uniform(3.0, 7.0)
+        near = FOOTWAY - 0.3  # a footway lies on the right of its direction of traffic
+        box = [[0, near], [wide, near], [wide, deep], [0, deep], [0, near]]
+        shapes.append((MapType.DRIVEWAY, lines.placed(np.array(box, float), corner)))
+    return dataclasses.replace(piece, shapes=(*piece.shapes, *shapes))
 
 
 def curvature(

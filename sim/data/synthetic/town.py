@@ -144,9 +144,13 @@ def _is_free(new: Piece, placed: list[Piece], owner: int, port: Port) -> bool:
     mine = _thinned(new)
     gap = mine - np.array([port.pose.x, port.pose.y])
     is_away = gap[:, 0] ** 2 + gap[:, 1] ** 2 > NEAR_PORT**2
+    low, high = mine.min(axis=0) - APART, mine.max(axis=0) + APART
     for number, piece in enumerate(placed):
         points = mine[is_away] if number == owner else mine
-        gap = points[:, None] - _thinned(piece)
+        theirs = _thinned(piece)
+        if (theirs.min(axis=0) > high).any() or (theirs.max(axis=0) < low).any():
+            continue
+        gap = points[:, None] - theirs
         if (gap[..., 0] ** 2 + gap[..., 1] ** 2 < APART**2).any():
             return False
     return True
@@ -183,19 +187,21 @@ def _street(
         if 1 <= begin.right + change <= 3 and begin.right:
             end = dataclasses.replace(end, right=begin.right + change)
     length = generator.uniform(*lengths)
-    return road.road(road.curvature(generator, length, 0.6), begin, end)
+    piece = road.road(road.curvature(generator, length, 0.6), begin, end)
+    return road.with_driveways(generator, piece)
 
 
 def _long_street(generator: np.random.Generator) -> Piece:
     """Draws the road that a town is about, its middle at the origin."""
     begin = profiles.draw(
-        generator, int(generator.choice([1, 2, 3], p=[0.5, 0.3, 0.2]))
+        generator, int(generator.choice([1, 2, 3], p=[0.35, 0.3, 0.35]))
     )
     end = begin
     if begin.right > 1 and not begin.has_bike_lanes and generator.uniform() < 0.4:
         end = dataclasses.replace(begin, right=begin.right - 1)
     length = generator.uniform(130.0, 200.0)
     piece = road.road(road.curvature(generator, length, 1.4), begin, end)
+    piece = road.with_driveways(generator, piece)
     middle = piece.lanes[0].line[len(piece.lanes[0].line) // 2]
     return pieces.moved(piece, Pose(-float(middle[0]), -float(middle[1]), 0.0))
 
@@ -217,7 +223,7 @@ def _ramp(generator: np.random.Generator) -> Piece:
 
 
 def _junction(generator: np.random.Generator) -> Piece:
-    num_lanes = int(generator.choice([1, 2, 3], p=[0.4, 0.3, 0.3]))
+    num_lanes = int(generator.choice([1, 2, 3], p=[0.36, 0.3, 0.34]))
     return _crossroads(generator, profiles.draw(generator, num_lanes))
 
 

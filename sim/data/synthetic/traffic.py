@@ -16,7 +16,6 @@ from . import (
     lane_changes,
     leaders,
     right_of_way,
-    signals,
 )
 from .courses import Courses, Rules
 from .drivers import HARDEST, LINE_GAP, Drivers
@@ -28,8 +27,8 @@ START_ROOM = 1.5  # metres that must open up before one who stands sets off
 STANDS = 0.3  # metres per second
 LEAST = 0.02  # metres per second: who would be slower stands
 AT_SIGN = 3.5  # metres from a stop line within which a car has come to it
-PAUSE = 3  # looks for which drivers stand at a stop sign
-LOOK = 2  # steps from one look around to the next
+PAUSE = 2  # looks for which drivers stand at a stop sign
+LOOK = 3  # steps from one look around to the next
 CHOICE = 6  # steps between the moments at which somebody may change lanes
 PATIENCE = 0.15  # chance of a driver to think of it at such a moment
 
@@ -100,7 +99,7 @@ def drive(
     thinks = generator.uniform(size=(num_steps, num)) < PATIENCE
     noise = np.zeros(num)
     names, current = list(start.ways), np.arange(num)
-    state = _first(start)
+    state = _first(start, courses)
     logged = [_logged(state, current, courses, drivers)]
     for t in range(1, num_steps):
         if t > 1 and t % CHOICE == 1:
@@ -133,11 +132,13 @@ def manner(drivers: Drivers, row: int) -> tuple[float, float, float]:
     )
 
 
-def _first(start: Start) -> State:
+def _first(start: Start, courses: Courses) -> State:
+    """Returns the state at first, with nobody faster than the bends ahead allow."""
     num = len(start.station)
+    allowed = courses.allowed[np.arange(num), start.station.astype(int)]
     return State(
         station=snap(start.station),
-        speed=snap(start.speed),
+        speed=snap(np.minimum(start.speed, allowed)),
         acceleration=np.zeros(num),
         line=np.full(num, -1),
         commits=np.zeros(num, bool),
@@ -251,14 +252,10 @@ def _at_line(
     is_near = to_line < np.inf
     is_new = line != state.line
 
-    has_light = (network.light[lane] >= 0) & is_near
-    shown = np.full(len(rows), -1)
-    if len(network.lit):
-        shown = np.where(has_light, network.light_state[network.light[lane], t], -1)
-    warns = signals.warns(shown)
+    light = network.light[lane]
     too_late = to_line < state.speed**2 / (2 * right_of_way.COMFORT)
-    commits = (state.commits & ~is_new) | (warns & too_late)
-    red = has_light & ~signals.goes(shown) & ~commits
+    commits = (state.commits & ~is_new) | (network.warns[light, t] & too_late)
+    red = ~network.goes[light, t] & is_near & ~commits
 
     has_sign = network.stops[lane] & is_near
     is_at = has_sign & (to_line < AT_SIGN) & (state.speed < STANDS)

@@ -84,6 +84,8 @@ def test_lights_never_let_crossing_ways_go_at_once(drawn: list[Town]) -> None:
                 # A left turn may have to give way where no arrow protects it.
                 if a.rank != b.rank or not both.any():
                     continue
+                if np.linalg.norm(a.line[0] - b.line[0]) < 1.0:
+                    continue  # they come from one lane
                 assert not crossing(a.line, b.line), (a.turn, b.turn)
                 num_pairs += 1
     assert num_pairs > 20

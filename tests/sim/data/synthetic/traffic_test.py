@@ -22,6 +22,7 @@ from drivetrain.sim.data.synthetic.profile import Profile
 from drivetrain.sim.data.synthetic.right_of_way import Meetings
 from drivetrain.sim.data.synthetic.town import Town
 from drivetrain.sim.data.synthetic.traffic import Drive, Start
+from drivetrain.sim.scenario import LightState
 
 NUM_STEPS = 120
 PROFILE = Profile(
@@ -207,8 +208,47 @@ def test_the_travel_time_is_that_of_constant_acceleration() -> None:
     assert time == pytest.approx(2.0, rel=0.01)
 
 
-def test_those_who_meet_in_a_town_take_turns() -> None:
-    """Two cars never are inside both sides of a zone that crosses."""
+def lit_network(seed: int) -> networks.Network:
+    """Returns the network of a town with lights, from some seed on."""
+    for number in range(100 * seed, 100 * seed + 100):
+        town = towns.draw(np.random.default_rng(number), "junction")
+        net = networks.network(np.random.default_rng(seed), town, NUM_STEPS)
+        if len(net.lit) > 10:
+            return net
+    raise AssertionError("no town has lights")
+
+
+def passed(net: networks.Network, drive: Drive, length: float) -> list[int]:
+    """Returns what the lights show whose lines a front passes in some step."""
+    shown = []
+    for driver in range(drive.way.shape[1]):
+        for t in range(1, NUM_STEPS):
+            way = drive.ways[drive.way[t, driver]]
+            begin = np.cumsum([0.0, *net.length[list(way)]])
+            front = drive.station[t - 1 : t + 1, driver] + length / 2
+            for lane, line in zip(way, begin, strict=False):
+                if net.light[lane] >= 0 and front[0] < line <= front[1]:
+                    shown.append(int(net.light_state[net.light[lane], t - 1]))
+    return shown
+
+
+def test_nobody_passes_a_red_light() -> None:
+    shown = []
+    for seed in range(3):
+        net = lit_network(seed)
+        draw = np.random.default_rng(seed)
+        before = sorted({a for a, b in net.town.successor if net.light[b] >= 0})
+        before = [lane for lane in before if net.length[lane] > 45.0]
+        ways = [courses.follow(draw, net, lane, 250.0) for lane in before]
+        station = [float(net.length[lane]) - draw.uniform(20, 40) for lane in before]
+        speed = 0.6 * net.limit[before]
+        drive = driven(courses.rules(net), crew(len(ways)), ways, station, speed)
+        shown += passed(net, drive, 4.5)
+    assert len(shown) >= 5
+    assert not set(shown) & {LightState.STOP, LightState.ARROW_STOP}
+
+
+def test_those_who_meet_in_a_town_brake_gently() -> None:
     town = towns.draw(np.random.default_rng(5), "junction")
     net = networks.network(np.random.default_rng(0), town, NUM_STEPS)
     rules = courses.rules(net)
