@@ -1,6 +1,7 @@
 """Finds where the lanes of a town cross or run into each other."""
 
 import dataclasses
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -11,6 +12,9 @@ from .town import Town
 
 CLOSE = 2.7  # metres between the middles of lanes that cars cannot use side by side
 SAMPLES = 24  # points of a lane that are compared with those of others
+Span = tuple[float, float]  # begin and end [m]
+Meeting = tuple[int, int, list[Span]]  # two lanes and their stretches
+
 LONGEST = 1500  # points from the end of two lanes that run into one
 
 
@@ -37,7 +41,7 @@ def zones(town: Town) -> Zones:
         found = (
             _merging(piece, base, targets)
             if piece.kind in ("road", "ramp", "carpark")
-            else _crossing(piece, base)
+            else _crossing(piece)
         )
         for a, b, spans in found:
             i, j = base + a, base + b
@@ -57,9 +61,8 @@ def zones(town: Town) -> Zones:
     )
 
 
-def _crossing(piece: Piece, base: int):
+def _crossing(piece: Piece) -> Iterator[Meeting]:
     """Yields pairs of lanes that come close, with the stretches where they do [m]."""
-    del base
     num = len(piece.lanes)
     station = [stations(lane.line) for lane in piece.lanes]
     share = np.linspace(0.0, 1.0, SAMPLES)
@@ -88,7 +91,9 @@ def _crossing(piece: Piece, base: int):
         )
 
 
-def _merging(piece: Piece, base: int, targets: dict[int, set[int]]):
+def _merging(
+    piece: Piece, base: int, targets: dict[int, set[int]]
+) -> Iterator[Meeting]:
     """Yields pairs of lanes with a common successor, as `_crossing` does."""
     num = len(piece.lanes)
     for i in range(num):
@@ -108,7 +113,7 @@ def _close_end(line: Line, other: Line) -> tuple[float, float]:
     return float(station[len(line) - 1 - first]), float(station[-1])
 
 
-def _grouped(pairs) -> dict[int, set[int]]:
+def _grouped(pairs: Iterable[tuple[int, int]]) -> dict[int, set[int]]:
     groups: dict[int, set[int]] = {}
     for a, b in pairs:
         groups.setdefault(a, set()).add(b)

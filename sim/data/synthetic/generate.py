@@ -26,6 +26,7 @@ from . import (
 )
 from .lines import Line, rotate, snap
 from .log import PlanarTracks
+from .mover import Mover
 from .network import Network
 
 NUM_STEPS = 91
@@ -156,7 +157,7 @@ def _traffic(
     return _nearest(tracks, max_others)
 
 
-def _late(walker):
+def _late(walker: Mover) -> Mover:
     """Returns a pedestrian from the first step of the log on."""
     names = ("xy", "yaw", "velocity", "is_there")
     cut = {name: getattr(walker, name)[WARM_UP:] for name in names}

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -131,10 +132,10 @@ def _side(
     fast = profile.limit >= FAST
     kind = MapType.LANE_FREEWAY if fast else MapType.LANE_SURFACE_STREET
     whole = [lines.offset(xy, yaw, -o) for o in offsets]
-    lane_lines, begins, ends, successor, neighbor = _cut(whole, first, last, share)
+    cut = _cut(whole, first, last, share)
     lanes = [
         Lane(line=line, width=width, limit=profile.limit, map_type=kind, rank=rank)
-        for line, rank in lane_lines
+        for line, rank in cut.ranked
     ]
     outer = profile.half_width(num) - shift[-1] if num else np.full(len(xy), 0.6)
     if profile.has_bike_lanes and num:
@@ -148,17 +149,29 @@ def _side(
         curb = lines.offset(xy, yaw, PARKED_SIDE - outer)[clear:-clear]
     return _Side(
         lanes=tuple(lanes),
-        begins=begins,
-        ends=ends,
-        successor=successor,
-        neighbor=neighbor,
+        begins=cut.begins,
+        ends=cut.ends,
+        successor=cut.successor,
+        neighbor=cut.neighbor,
         shapes=_markings(xy, yaw, profile, num, outer),
         footway=lines.offset(xy, yaw, -outer - FOOTWAY),
         curb=curb,
     )
 
 
-def _cut(whole: list[Line], first: int, last: int, share: Float[np.ndarray, " points"]):
+class _Cut(NamedTuple):
+    """The lanes of one direction, tied together where one begins or ends."""
+
+    ranked: list[tuple[Line, int]]  # lines, and their right of way
+    begins: tuple[int, ...]
+    ends: tuple[int, ...]
+    successor: tuple[tuple[int, int], ...]
+    neighbor: tuple[tuple[int, int], ...]
+
+
+def _cut(
+    whole: list[Line], first: int, last: int, share: Float[np.ndarray, " points"]
+) -> _Cut:
     """Cuts lanes where one of them begins or ends, and ties them together.
 
     Returns:
@@ -168,7 +181,8 @@ def _cut(whole: list[Line], first: int, last: int, share: Float[np.ndarray, " po
     num = len(whole)
     if first == last:
         names = tuple(range(num))
-        return [(line, 0) for line in whole], names, names, (), beside(names)
+        ranked = [(line, 0) for line in whole]
+        return _Cut(ranked, names, names, (), beside(names))
     cut = int(np.argmax(share >= 1.0)) if first > last else int(np.argmax(share < 1.0))
     cut = cut if first > last else cut - 1
     head, tail = tuple(range(first)), tuple(range(first, first + last))
@@ -181,7 +195,7 @@ def _cut(whole: list[Line], first: int, last: int, share: Float[np.ndarray, " po
     successor = list(zip(head, tail, strict=False))
     successor.append((head[-1], tail[-1]))
     neighbor = (*beside(head), *beside(tail))
-    return ranked, head, tail, tuple(successor), neighbor
+    return _Cut(ranked, head, tail, tuple(successor), neighbor)
 
 
 def _welded(line: Line, onto: Line, point: int, end: int) -> Line:

@@ -152,7 +152,10 @@ def _first(start: Start, courses: Courses) -> State:
     )
 
 
-def _logged(state: State, way: np.ndarray, courses: Courses, drivers: Drivers):
+def _logged(
+    state: State, way: np.ndarray, courses: Courses, drivers: Drivers
+) -> tuple[np.ndarray, ...]:
+    """Returns the columns of a `Drive` at one step."""
     left, slope = lane_changes.beside(state.changes, state.station)
     is_there = state.station + drivers.size[:, 0] / 2 < courses.end
     return way.copy(), state.station, state.speed, left, slope, is_there
