@@ -33,7 +33,7 @@ REAL_FILES = (
 )
 KINDS = ("generated", "real")
 MOTIONS = ("before", "after", "logged")  # of a moment
-SEEDS = range(6)  # of generated scenarios
+SEEDS = (16, 20, 4, 14, 3, 15)  # of generated scenarios: with lights and without
 MAX_OBJECTS = 16
 
 # At 1 km from the ego float32 steps by 0.06 mm; a dozen errors make less than this [m].

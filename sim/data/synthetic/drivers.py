@@ -40,7 +40,7 @@ def draw(
     return Drivers(
         size=np.round(np.where(is_cyclist[:, None], bicycle, size), 3),
         is_cyclist=is_cyclist,
-        desired=generator.uniform(0.8, 1.2, num),
+        desired=generator.uniform(0.85, 1.2, num),
         top_speed=np.where(is_cyclist, generator.uniform(3.0, 6.5, num), 40.0),
         headway=generator.uniform(0.9, 2.0, num),
         acceleration=generator.uniform(1.1, 2.4, num),

@@ -83,7 +83,7 @@ def junction(
     """
     arms = _arms(profiles, angles, generator.uniform(4.5, 9.0))
     movements = _movements(generator, arms, control)
-    has_crosswalks = control == "lights" or generator.uniform() < 0.6
+    has_crosswalks = generator.uniform() < (0.9 if control == "lights" else 0.35)
     axes = _axes(arms)
     signals = _signals(generator, axes) if control == "lights" else None
     main = axes[0] if control in ("stop", "none") else tuple(range(len(arms)))

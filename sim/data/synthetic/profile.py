@@ -46,7 +46,7 @@ class Profile:
 
 def draw(generator: np.random.Generator, num_lanes: int) -> Profile:
     """Draws a two-way road with so many lanes in each direction."""
-    limits = {1: (25, 25, 30, 35), 2: (35, 40, 45), 3: (40, 45, 50)}[num_lanes]
+    limits = {1: (25, 30, 30, 35), 2: (35, 40, 45), 3: (45, 45, 50)}[num_lanes]
     shoulder = float(generator.choice([0.4, 1.0, 1.9, 2.6], p=[0.3, 0.25, 0.15, 0.3]))
     has_median = generator.uniform() < (0.0, 0.25, 0.5)[num_lanes - 1]
     width = generator.uniform(1.2, 4.0)

@@ -223,7 +223,7 @@ def _ramp(generator: np.random.Generator) -> Piece:
 
 
 def _junction(generator: np.random.Generator) -> Piece:
-    num_lanes = int(generator.choice([1, 2, 3], p=[0.36, 0.3, 0.34]))
+    num_lanes = int(generator.choice([1, 2, 3], p=[0.33, 0.29, 0.38]))
     return _crossroads(generator, profiles.draw(generator, num_lanes))
 
 
@@ -252,7 +252,7 @@ def _control(
         return "lights"
     if num_arms == 4 and num_lanes == 1 and chance < 0.6:
         return "all_way_stop"
-    return "stop" if chance < 0.9 else "none"
+    return "stop" if chance < 0.96 else "none"
 
 
 def _angles(generator: np.random.Generator, num_arms: int) -> tuple[float, ...]:
