@@ -11,8 +11,9 @@ from rich import console as rich_console
 
 from ..learners import mesh as meshes
 from ..sim import files
-from ..sim.data import loader, synthetic
+from ..sim.data import loader
 from ..sim.data.packed import Packed
+from ..sim.data.synthetic.generate import generate
 from ..sim.env.recording import Recording
 from ..sim.scenario import Scenario
 from ..sim.visualization import scene as pictures
@@ -98,7 +99,7 @@ def _panels(
     numbers = _of_each_kind(loaded.scenarios)[:NUM_PICTURES]
     drawn = []
     for packed, recording in dump.recordings(player, loaded, seed, numbers):
-        scenario = synthetic.generate(int(packed.scenario_id.split("-")[1]))
+        scenario = generate(int(packed.scenario_id.split("-")[1]))
         panel = pictures.Panel(
             title=packed.scenario_id,
             scenario=scenario,

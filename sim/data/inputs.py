@@ -5,10 +5,11 @@ import pathlib
 from collections.abc import Iterator, Sequence
 
 from ..scenario import ScenarioError
-from . import build as readers, synthetic
+from . import build as readers
 from .base import BadRecord
 from .pack import PackConfig, pack
 from .packed import Packed
+from .synthetic.generate import generate
 
 SYNTHETIC = "synthetic:"
 Input = pathlib.Path | range  # a file, or seeds
@@ -33,7 +34,7 @@ def packed_records(item: Input, config: PackConfig) -> Iterator[Packed | BadReco
         OSError: if the file cannot be opened.
     """
     if isinstance(item, range):
-        yield from (pack(synthetic.generate(seed), config) for seed in item)
+        yield from (pack(generate(seed), config) for seed in item)
         return
     for index, record in enumerate(readers.read(item, config.timeline)):
         if isinstance(record, BadRecord):

@@ -8,9 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from drivetrain.sim.data import bank, build, edge_index, synthetic
+from drivetrain.sim.data import bank, build, edge_index
 from drivetrain.sim.data.bank import Bank
 from drivetrain.sim.data.pack import PackConfig, pack
+from drivetrain.sim.data.synthetic import generate as synthetic
 from drivetrain.sim.motion import Motion
 from drivetrain.sim.scenario import MapType, Polylines, Scenario
 from drivetrain.sim.scene import Scene

@@ -8,10 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from drivetrain.sim.data import bank, synthetic
+from drivetrain.sim.data import bank
 from drivetrain.sim.data.bank import Bank, Sizes
 from drivetrain.sim.data.pack import PackConfig, pack
 from drivetrain.sim.data.packed import Packed
+from drivetrain.sim.data.synthetic import generate as synthetic
 from drivetrain.sim.scenario import EDGES, Scenario
 from drivetrain.sim.scene import Scene
 from tests.sim.data import files

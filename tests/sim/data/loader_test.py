@@ -5,10 +5,11 @@ import pathlib
 import orjson
 import pytest
 
-from drivetrain.sim.data import inputs, loader, prepare, store, synthetic
+from drivetrain.sim.data import inputs, loader, prepare, store
 from drivetrain.sim.data.loader import Source, SourceError
 from drivetrain.sim.data.pack import PackConfig, pack
 from drivetrain.sim.data.packed import Packed
+from drivetrain.sim.data.synthetic import generate as synthetic
 from tests.sim.data import files
 
 NUM_FILES = 6

@@ -9,9 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from drivetrain.sim.data import bank, build, routes, synthetic
+from drivetrain.sim.data import bank, build, routes
 from drivetrain.sim.data.pack import PackConfig, pack
 from drivetrain.sim.data.packed import LIMIT_QUANTUM, QUANTUM, Packed
+from drivetrain.sim.data.synthetic import generate as synthetic
 from drivetrain.sim.motion import Motion
 from drivetrain.sim.scenario import EDGES, Polylines, Scenario
 from drivetrain.sim.scene import Scene

@@ -6,10 +6,11 @@ import pathlib
 import numpy as np
 import pytest
 
-from drivetrain.sim.data import bank, entry, loader, prepare, store, synthetic
+from drivetrain.sim.data import bank, entry, loader, prepare, store
 from drivetrain.sim.data.pack import PackConfig, pack
 from drivetrain.sim.data.packed import Packed
 from drivetrain.sim.data.query import EVERYTHING, Query
+from drivetrain.sim.data.synthetic import generate as synthetic
 from drivetrain.sim.scenario import Scenario
 from tests.sim.data import files
 

@@ -8,9 +8,10 @@ import msgpack
 import numpy as np
 import pytest
 
-from drivetrain.sim.data import store, synthetic
+from drivetrain.sim.data import store
 from drivetrain.sim.data.pack import PackConfig, pack
 from drivetrain.sim.data.packed import Packed
+from drivetrain.sim.data.synthetic import generate as synthetic
 from tests.sim.data import files, mutations
 
 NUM_MUTATIONS = 200

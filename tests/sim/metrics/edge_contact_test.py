@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from drivetrain.sim.data import synthetic
+from drivetrain.sim.data.synthetic import generate as synthetic
 from drivetrain.sim.metrics.base import Moment
 from drivetrain.sim.metrics.edge_contact import edge_contact
 from drivetrain.sim.scenario import Scenario

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from jaxtyping import Array, Float
 
-from drivetrain.sim.data import synthetic
 from drivetrain.sim.data.pack import PackConfig, pack
+from drivetrain.sim.data.synthetic import generate as synthetic
 from drivetrain.sim.geometry import box_corners
 from drivetrain.sim.metrics.aggregate import FLAGS
 from drivetrain.sim.scene import Scene

@@ -6,7 +6,8 @@ Without errors and their correction a log would not show how to get back to the 
 import numpy as np
 from jaxtyping import Float
 
-from .synthetic_experts import DT
+from ...scenario import DT
+from .lines import snap
 
 SWERVES_PER_STEP = 0.03
 SWERVE_STEPS = 5
@@ -42,9 +43,11 @@ def steer(
 
     left = np.zeros((num_drivers, num_steps))
     slope = np.zeros((num_drivers, num_steps))
-    left[:, 0], slope[:, 0] = (generator.normal(0.0, std, num_drivers) for std in START)
+    left[:, 0], slope[:, 0] = (
+        snap(generator.normal(0.0, std, num_drivers)) for std in START
+    )
     for t in range(num_steps - 1):
         bend = -(STIFFNESS**2) * left[:, t] - 2 * STIFFNESS * slope[:, t] + swerve[:, t]
-        left[:, t + 1] = left[:, t] + slope[:, t] * distance[:, t]
-        slope[:, t + 1] = slope[:, t] + bend * distance[:, t]
+        left[:, t + 1] = snap(left[:, t] + slope[:, t] * distance[:, t])
+        slope[:, t + 1] = snap(slope[:, t] + bend * distance[:, t])
     return left, slope

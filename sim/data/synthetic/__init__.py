@@ -1,0 +1,1 @@
+"""Generates scenarios that nobody owns: the data that the package comes with."""
