@@ -1,6 +1,7 @@
 """Brings scenarios onto the devices, and says so."""
 
 import dataclasses
+import os
 from collections.abc import Sequence
 
 import jax
@@ -48,7 +49,7 @@ def load(source: loader.Source, max_objects: int, mesh: Mesh) -> Loaded:
     if max_objects < 1:
         raise ValueError(f"max_objects must be at least 1, got {max_objects}.")
     with progress("loading", loader.count(source), unit="scenarios") as line:
-        scenarios = loader.load(source, line.update)
+        scenarios = loader.load(source, line.update, os.cpu_count() or 1)
     sizes = banks.Sizes.of(scenarios, max_objects)
     bank = banks.build_shards(scenarios, sizes, mesh.size)
     return Loaded(bank=meshes.shard(mesh, bank), scenarios=scenarios)

@@ -171,7 +171,7 @@ def compare(
     sources = {}
     for source in both:
         with progress("reading", loader.count(source), unit="scenarios") as line:
-            found = loader.load(source, line.update)
+            found = loader.load(source, line.update, os.cpu_count() or 1)
         sources[source.path] = statistics.samples(found)
     rows = comparison.compare(sources)
     rich_console.Console(highlight=False).print(comparison.table(rows))

@@ -1,6 +1,7 @@
 """Chooses the scenarios on which benchmarks run, and makes their banks."""
 
 import dataclasses
+import os
 from collections.abc import Iterable, Sequence
 
 import jax
@@ -48,7 +49,7 @@ def load(data: str, count: int) -> Scenes:
     """
     source = loader.Source(path=data)
     with progress("loading", loader.count(source), unit="scenarios") as line:
-        scenarios = loader.load(source, line.update)
+        scenarios = loader.load(source, line.update, os.cpu_count() or 1)
     fullest = sorted(scenarios, key=lambda s: len(s.object_id), reverse=True)
     return Scenes(scenarios=fullest[:count])
 

@@ -1,17 +1,20 @@
 """Names what scenarios are made of: files of logs, and seeds of the generator."""
 
+import functools
 import glob
 import pathlib
 from collections.abc import Iterator, Sequence
 
 from ..scenario import ScenarioError
-from . import build as readers
+from . import build as readers, workers
 from .base import BadRecord
 from .pack import PackConfig, pack
 from .packed import Packed
 from .synthetic.generate import generate
 
 SYNTHETIC = "synthetic:"
+PIECE = 8  # seeds that a worker takes at a time
+MANY_PIECES = 16  # from which workers save more time than they take to begin
 Input = pathlib.Path | range  # a file, or seeds
 
 
@@ -44,6 +47,41 @@ def packed_records(item: Input, config: PackConfig) -> Iterator[Packed | BadReco
             yield pack(record, config)
         except ScenarioError as error:
             yield BadRecord(path=item, record_index=index, reason=str(error))
+
+
+def all_records(
+    items: Sequence[Input], config: PackConfig, num_workers: int = 1
+) -> Iterator[Packed | BadRecord]:
+    """Yields the records of all inputs packed, in order.
+
+    Args:
+        items: the inputs.
+        config: how scenarios are packed.
+        num_workers: processes that share the work, where there is much of it.
+
+    Raises:
+        OSError: if a file cannot be opened.
+        WorkerError: if a worker was killed.
+    """
+    pieces = [piece for item in items for piece in _pieces(item)]
+    if num_workers < 2 or len(pieces) < MANY_PIECES:
+        for piece in pieces:
+            yield from packed_records(piece, config)
+        return
+    with workers.pool(min(num_workers, len(pieces))) as pool:
+        for found in pool.map(functools.partial(_listed, config=config), pieces):
+            yield from found
+
+
+def _pieces(item: Input) -> Iterator[Input]:
+    if isinstance(item, range):
+        yield from (item[i : i + PIECE] for i in range(0, len(item), PIECE))
+    else:
+        yield item
+
+
+def _listed(item: Input, config: PackConfig) -> list[Packed | BadRecord]:
+    return list(packed_records(item, config))
 
 
 def synthetic_seeds(text: str) -> range:

@@ -11,7 +11,7 @@ import grain
 from . import store
 from .base import BadRecord
 from .entry import entry_of
-from .inputs import inputs_of, packed_records
+from .inputs import all_records, inputs_of
 from .pack import PackConfig
 from .packed import Packed
 from .query import EVERYTHING, Query
@@ -62,12 +62,14 @@ class SourceError(ValueError):
 def load(
     source: Source,
     tick: Callable[[int], None] = lambda done: None,
+    num_workers: int = 1,
 ) -> list[Packed]:
     """Returns the scenarios of a source.
 
     Args:
         source: what to load.
         tick: called after each scenario with their number so far.
+        num_workers: processes that share the work on files and generated scenarios.
 
     Raises:
         FileNotFoundError: if there is no such store or file.
@@ -78,7 +80,7 @@ def load(
     bad: list[BadRecord] = []
     kept: list[Packed] = []
     limit = source.max_scenarios
-    for done, packed in enumerate(_open(source, bad), start=1):
+    for done, packed in enumerate(_open(source, bad, num_workers), start=1):
         tick(done)
         if source.is_store or _is_wanted(packed, source):
             kept.append(packed)
@@ -140,7 +142,7 @@ def count(source: Source) -> int | None:
     return None
 
 
-def _open(source: Source, bad: list[BadRecord]) -> Iterator[Packed]:
+def _open(source: Source, bad: list[BadRecord], num_workers: int) -> Iterator[Packed]:
     """Returns wanted scenarios; bad records join the list on the way."""
     if source.is_store:
         records: Any = store.Records(pathlib.Path(source.path))
@@ -149,9 +151,8 @@ def _open(source: Source, bad: list[BadRecord]) -> Iterator[Packed]:
         yield from dataset.to_iter_dataset()
         return
     config = PackConfig(quantize=source.quantize)
-    for item in inputs_of(source.path):
-        for record in packed_records(item, config):
-            if isinstance(record, BadRecord):
-                bad.append(record)
-            else:
-                yield record
+    for record in all_records(inputs_of(source.path), config, num_workers):
+        if isinstance(record, BadRecord):
+            bad.append(record)
+        else:
+            yield record

@@ -4,15 +4,13 @@ import concurrent.futures
 import dataclasses
 import importlib.metadata
 import json
-import multiprocessing
 import pathlib
 import queue
-import signal
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from . import shard as shards, store
+from . import shard as shards, store, workers
 from .inputs import Input
 from .pack import PackConfig
 from .packed import QUANTUM
@@ -52,7 +50,7 @@ def prepare(
     config: PackConfig,
     strict: bool = False,
     tick: Tick = lambda num_inputs, num_scenarios: None,
-    workers: int = 1,
+    num_workers: int = 1,
 ) -> Summary:
     """Makes a store of files or generated scenarios, or finishes one that was begun.
 
@@ -63,14 +61,14 @@ def prepare(
         strict: whether the first bad record ends the run.
         tick: called now and then with the inputs (a seed counts as one) and scenarios
             done.
-        workers: processes that make shards; the shards are the same for any number.
+        num_workers: processes that make shards, which are the same for any number.
 
     Raises:
         RecordError: on the first bad record of a strict run, or if no record is usable;
             then nothing is left behind but what an earlier run had finished.
         FileExistsError: if the folder holds something else, or a store of other inputs
             or settings.
-        RuntimeError: if a worker was killed.
+        WorkerError: if a worker was killed.
     """
     is_new = _claim(out, _plan(inputs, config))
     jobs = [
@@ -78,7 +76,7 @@ def prepare(
         for number, group in enumerate(_groups(inputs))
     ]
     try:
-        made, num_continued = _make(jobs, tick, workers)
+        made, num_continued = _make(jobs, tick, num_workers)
         bad = [record for shard in made for record in shard["bad"]]
         if strict and bad:
             record = bad[0]
@@ -185,7 +183,7 @@ def _parts(item: Input) -> Iterator[Input]:
 
 
 def _make(
-    jobs: Sequence[Job], tick: Tick, workers: int
+    jobs: Sequence[Job], tick: Tick, num_workers: int
 ) -> tuple[list[dict[str, Any]], int]:
     """Makes the shards that are not there yet.
 
@@ -200,8 +198,8 @@ def _make(
             count.add(number, _num_inputs(job), len(shard["scenarios"]))
     num_continued = len(made)
     rest = [number for number in range(len(jobs)) if number not in made]
-    if workers > 1 and len(rest) > 1:
-        made |= _in_parallel(jobs, rest, count, min(workers, len(rest)))
+    if num_workers > 1 and len(rest) > 1:
+        made |= _in_parallel(jobs, rest, count, min(num_workers, len(rest)))
     else:
         for number in rest:
             made[number] = _one(jobs[number], number, count.add)
@@ -245,16 +243,14 @@ class _Count:
 
 
 def _in_parallel(
-    jobs: Sequence[Job], numbers: Sequence[int], count: _Count, workers: int
+    jobs: Sequence[Job], numbers: Sequence[int], count: _Count, num_workers: int
 ) -> dict[int, dict[str, Any]]:
-    context = multiprocessing.get_context("spawn")
-    news = context.Queue()
-    pool = concurrent.futures.ProcessPoolExecutor(
-        workers, context, initializer=_start_worker, initargs=(news,)
-    )
-    futures = {pool.submit(_work, jobs[number], number): number for number in numbers}
-    waiting = set(futures)
-    try:
+    news = workers.CONTEXT.Queue()
+    with workers.pool(num_workers, _listen, news) as pool:
+        futures = {
+            pool.submit(_work, jobs[number], number): number for number in numbers
+        }
+        waiting = set(futures)
         while waiting:
             done, waiting = concurrent.futures.wait(
                 waiting, PATIENCE, concurrent.futures.FIRST_EXCEPTION
@@ -262,17 +258,6 @@ def _in_parallel(
             _tell(news, count)
             for future in done:
                 future.result()  # raises what the worker raised
-    except concurrent.futures.process.BrokenProcessPool as error:
-        raise RuntimeError(
-            "a worker of prepare was killed, perhaps for want of memory; run the same "
-            "command again to continue, with fewer --workers"
-        ) from error
-    except BaseException:
-        for process in list((pool._processes or {}).values()):
-            process.terminate()
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
     return {number: future.result() for future, number in futures.items()}
 
 
@@ -285,8 +270,7 @@ def _tell(news: Any, count: _Count) -> None:
             return
 
 
-def _start_worker(news: Any) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent ends the work
+def _listen(news: Any) -> None:
     globals()["_news"] = news
 
 

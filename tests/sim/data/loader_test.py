@@ -1,15 +1,17 @@
 """Tests that sources give the scenarios they name, split by scenario."""
 
+import os
 import pathlib
 
 import orjson
 import pytest
 
-from drivetrain.sim.data import inputs, loader, prepare, store
+from drivetrain.sim.data import inputs, loader, prepare, store, workers
 from drivetrain.sim.data.loader import Source, SourceError
 from drivetrain.sim.data.pack import PackConfig, pack
 from drivetrain.sim.data.packed import Packed
 from drivetrain.sim.data.synthetic import generate as synthetic
+from drivetrain.sim.data.workers import WorkerError
 from tests.sim.data import files
 
 NUM_FILES = 6
@@ -199,3 +201,18 @@ def test_files_of_a_pattern_come_sorted_and_without_folders(folder):
     found = inputs.matching_files(str(folder / "*.json"))
 
     assert found == [folder / f"{seed}.json" for seed in range(NUM_FILES)]
+
+
+def test_workers_give_the_same_scenarios_in_the_same_order(folder, monkeypatch):
+    monkeypatch.setattr(inputs, "PIECE", 1)
+    monkeypatch.setattr(inputs, "MANY_PIECES", 2)
+    (folder / "2.json").write_text("{")
+    for path in ("synthetic:3:4", str(folder / "*.json")):
+        alone = loader.load(Source(path=path))
+        assert same(loader.load(Source(path=path), num_workers=2), alone)
+
+
+def test_a_killed_worker_is_told(monkeypatch):
+    with pytest.raises(WorkerError, match="a worker process was killed"):
+        with workers.pool(1) as pool:
+            pool.submit(os._exit, 9).result()

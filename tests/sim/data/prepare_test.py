@@ -284,7 +284,7 @@ def test_a_bad_record_in_a_worker_ends_a_strict_run(paths, out):
     spoil(paths[3])
 
     with pytest.raises(RecordError, match=r"3.tfrecord, record 1: "):
-        prepare.prepare(paths, out, PackConfig(), strict=True, workers=2)
+        prepare.prepare(paths, out, PackConfig(), strict=True, num_workers=2)
 
     assert not out.exists()
 
@@ -328,7 +328,7 @@ if __name__ == "__main__":
     prepare.SHARD_BYTES = 1
     *paths, out = map(pathlib.Path, sys.argv[1:])
     print("begins", flush=True)
-    prepare.prepare(paths, out, PackConfig(), workers=1)
+    prepare.prepare(paths, out, PackConfig(), num_workers=1)
 """
 
 
