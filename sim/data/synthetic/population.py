@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 
+from ...scenario import MapType
 from . import courses as ways, drivers as experts, lines
 from .courses import Rules
 from .drivers import Drivers
@@ -18,6 +19,7 @@ QUEUE = 7.6  # metres from one waiting car to the next
 FIRST_WAITING = 4.0  # metres from a stop line to the first one's middle
 SHARE_OF_CYCLISTS = 0.06
 CAR_PARK_SHARE = 0.3  # of the cars that a road of that length would have
+FREEWAY_SHARE = 2.5  # of the spacing on streets, as all are faster
 MAX_DRIVERS = 70
 BRAKING = 1.5  # metres per second squared that the first speeds leave before a line
 NEAR = 150.0  # metres from the origin, within which drivers begin
@@ -71,6 +73,8 @@ def _slots(
         if of_town.turn is not None or not network.is_driven[lane]:
             continue
         spacing = mean / CAR_PARK_SHARE if lane in quiet else mean
+        if of_town.map_type == MapType.LANE_FREEWAY:
+            spacing *= FREEWAY_SHARE
         spacing *= generator.uniform(0.6, 1.6)
         station = float(network.length[lane])
         is_red = any(

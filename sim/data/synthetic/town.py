@@ -97,13 +97,13 @@ def _town(
         kind=kind,
         pieces=tuple(placed),
         first_lane=first[:-1],
-        lanes=tuple(_welded(lanes, successor)),
+        lanes=tuple(welded(lanes, successor)),
         successor=tuple(successor),
         neighbor=tuple(neighbor),
     )
 
 
-def _welded(lanes: list[Lane], successor: list[tuple[int, int]]) -> list[Lane]:
+def welded(lanes: list[Lane], successor: list[tuple[int, int]]) -> list[Lane]:
     """Lets lanes that follow each other share their last and first point exactly."""
     ends = [lane.line.copy() for lane in lanes]
     node: dict[tuple[int, int], tuple[int, int]] = {}

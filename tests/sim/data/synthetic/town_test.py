@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from drivetrain.sim.data.synthetic import conflicts, signals, town as towns
+from drivetrain.sim.data.synthetic.piece import Lane
 from drivetrain.sim.data.synthetic.town import KINDS, Town
 from drivetrain.sim.scenario import LightState, MapType
 
@@ -36,6 +37,19 @@ def test_each_lane_but_those_at_the_border_goes_on(drawn: list[Town]) -> None:
             if lane.turn is not None and lane.map_type != MapType.LANE_BIKE:
                 x, y = lane.line[-1]
                 assert i in goes_on or np.hypot(x, y) > 40.0
+
+
+def test_welding_lets_lanes_share_their_ends_exactly() -> None:
+    ends = [0.0, 2.0**-16, -(2.0**-16)]  # what rounding may leave between them
+    before = [
+        Lane(line=np.array([[-5.0, y], [e, y + e]]), width=3.5, limit=10.0)
+        for e, y in zip(ends, (0.0, 0.0, 0.0), strict=True)
+    ]
+    after = Lane(line=np.array([[0.0, 0.0], [5.0, 0.0]]), width=3.5, limit=10.0)
+    welded = towns.welded([*before, after], [(0, 3), (1, 3), (2, 3)])
+    for lane in welded[:3]:
+        np.testing.assert_array_equal(lane.line[-1], welded[3].line[0])
+        np.testing.assert_array_equal(lane.line[0], [-5.0, 0.0])
 
 
 def test_neighbors_are_mutual(drawn: list[Town]) -> None:
