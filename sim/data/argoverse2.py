@@ -19,7 +19,6 @@ _NAME = "argoverse2"
 _EGO = "AV"
 _SCORED = 2  # the object_category from which tracks are scored; 3 is the focal one
 _MAX_FILE_BYTES = 1 << 26
-_MAX_STATES = 2_000_000  # tracks times steps
 _SAFE_ID = re.compile(r"[\w-]{1,100}")  # it becomes part of a file's name
 
 _TEXTS = ("scenario_id", "track_id", "object_type")
@@ -130,10 +129,10 @@ def _check_places(
     track: Int[np.ndarray, " rows"], step: Int[np.ndarray, " rows"], num_tracks: int
 ) -> None:
     """Raises ScenarioError unless each row has a place of its own."""
-    if step.min() < 0 or num_tracks * (int(step.max()) + 1) > _MAX_STATES:
+    if step.min() < 0 or num_tracks * (int(step.max()) + 1) > parts.MAX_STATES:
         raise ScenarioError(
             f"{num_tracks} tracks with steps from {step.min()} to {step.max()} are no "
-            f"scenario: at most {_MAX_STATES} states are read"
+            f"scenario: at most {parts.MAX_STATES} states are read"
         )
     num_places = len(np.unique(track * (int(step.max()) + 1) + step))
     if num_places != len(step):

@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-import orjson
 from jaxtyping import Float
 
 from ..scenario import LaneLinks, MapType, Polylines, ScenarioError
@@ -69,10 +68,7 @@ def convert(text: bytes) -> tuple[Polylines, LaneLinks]:
     """
     if len(text) > base.MAX_RECORD_BYTES:
         raise ScenarioError(f"its map is longer than {base.MAX_RECORD_BYTES} bytes")
-    try:
-        document = orjson.loads(text)
-    except orjson.JSONDecodeError as error:
-        raise ScenarioError(f"its map is no valid JSON ({error})") from error
+    document = json_values.document(text, "its map")
     segments, areas, crossings = (_members(document, name) for name in _PARTS)
     lanes = []
     for name, segment in segments:

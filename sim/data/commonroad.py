@@ -26,7 +26,6 @@ _NAME = "commonroad"
 _CURRENT_STEP = 10
 _HEAD = re.compile(rb"(?:\xef\xbb\xbf)?\s*<(?:.*?<)??commonRoad\b", re.DOTALL)
 _OBSTACLES = ("obstacle", "dynamicObstacle", "staticObstacle")
-_MAX_STATES = 2_000_000  # obstacles times steps
 _MAX_STEP_LENGTH = 10.0  # seconds
 
 _VEHICLES = (
@@ -190,10 +189,10 @@ def _tracks(obstacles: Sequence[_Obstacle]) -> Tracks:
     first = rows[:, 0].min()
     step = np.round(rows[:, 0] - first)
     num_steps = step.max() + 1
-    if not len(obstacles) * num_steps <= _MAX_STATES:
+    if not len(obstacles) * num_steps <= parts.MAX_STATES:
         raise ScenarioError(
             f"{len(obstacles)} obstacles over {num_steps:.0f} steps are more than "
-            f"{_MAX_STATES} states"
+            f"{parts.MAX_STATES} states"
         )
     step = step.astype(np.int64)
     grid = np.zeros((len(obstacles), int(num_steps), 5))

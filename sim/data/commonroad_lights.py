@@ -51,7 +51,10 @@ def read(root: Element, lanes: Sequence[Lane], num_steps: int) -> Lights:
     if not ruled:
         return parts.no_lights(num_steps)
     lane_id = sorted(ruled)
-    state = [_states(found[ruled[lane][0]], num_steps) for lane in lane_id]
+    # Once for each light: thousands of lanes may share one of a long cycle.
+    lights = {light for light, _ in ruled.values()}
+    shown = {light: _states(found[light], num_steps) for light in lights}
+    state = [shown[ruled[lane][0]] for lane in lane_id]
     return Lights(
         lane_id=np.array(lane_id, np.int64),
         xyz=np.stack([ruled[lane][1] for lane in lane_id]),

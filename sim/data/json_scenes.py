@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import orjson
 from jaxtyping import Bool, Float
 
 from .. import scenario
@@ -27,8 +26,6 @@ from .base import BadRecord, Reader
 _NAME = "womd_json"
 _CURRENT_STEP = 10
 _MAX_RADIANS = 6.3  # a file with a larger heading is in degrees
-# Ten times those of the largest file seen. A value of two bytes takes a hundred.
-_MAX_VALUES = 1 << 21
 
 _OBJECT_TYPES = {member.name.lower(): member for member in ObjectType}
 _LIGHT_STATES = {member.name.lower(): member for member in LightState}
@@ -93,17 +90,7 @@ def convert(record: bytes, fallback_id: str) -> Scenario:
 
 def _document(record: bytes) -> dict[str, Any]:
     """Parses the text and finds the two lists that there must be."""
-    num_values = sum(map(record.count, (b",", b"[", b"{")))
-    if num_values > _MAX_VALUES:
-        raise ScenarioError(
-            f"the text has about {num_values} values; this is no file of one scenario"
-        )
-    try:
-        document = orjson.loads(record)
-    except orjson.JSONDecodeError as error:
-        raise ScenarioError(
-            f"the text is no valid JSON ({error}); copy the file again"
-        ) from error
+    document = json_values.document(record, "the text")
     for name in ("objects", "roads"):
         if not isinstance(document, dict) or not isinstance(document.get(name), list):
             raise ScenarioError(f"there is no list '{name}': this is no JSON of WOMD")

@@ -7,9 +7,37 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+import orjson
 from jaxtyping import Float, Int
 
+from ..scenario import ScenarioError
+
+# Ten times those of the largest file seen. A value of two bytes takes a hundred.
+_MAX_VALUES = 1 << 21
 _PLACES = ("x", "y", "z")
+
+
+def document(text: bytes, what: str) -> Any:
+    """Parses a text, unless it has more values than one of a scenario.
+
+    Args:
+        text: the JSON.
+        what: how a sentence is to name it.
+
+    Raises:
+        ScenarioError: if there are too many values, or the text is no JSON.
+    """
+    num_values = sum(map(text.count, (b",", b"[", b"{")))
+    if num_values > _MAX_VALUES:
+        raise ScenarioError(
+            f"{what} has about {num_values} values; this is no file of one scenario"
+        )
+    try:
+        return orjson.loads(text)
+    except orjson.JSONDecodeError as error:
+        raise ScenarioError(
+            f"{what} is no valid JSON ({error}); copy the file again"
+        ) from error
 
 
 # array.array takes numbers alone; NumPy would also take texts, nulls and ragged lists.

@@ -15,6 +15,7 @@ MAX_ROWS = 10**6
 MAX_COLUMN_BYTES = 1 << 26  # of the pages of a column in one group of rows
 MAX_TABLE_BYTES = 1 << 28
 _MAX_METADATA = 1 << 20  # bytes of a text, and members of a list, in the metadata
+_MAX_FOOTER = 1 << 18  # bytes, of which pyarrow makes 300 each; real ones have 10 kB
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,14 +73,22 @@ def _table(record: bytes, names: list[str], texts: list[str]) -> Any:
     import pyarrow
     import pyarrow.parquet
 
+    num_bytes = int.from_bytes(record[-8:-4], "little")
+    if num_bytes > _MAX_FOOTER:
+        raise ScenarioError(
+            f"the parquet data are damaged: a footer of {num_bytes} bytes, at most "
+            f"{_MAX_FOOTER} are read; copy the file again"
+        )
     limits = {
         "thrift_string_size_limit": _MAX_METADATA,
         "thrift_container_size_limit": _MAX_METADATA,
         "page_checksum_verification": True,
     }
     file = pyarrow.parquet.ParquetFile(pyarrow.BufferReader(record), **limits)
-    known = file.schema.names
-    missing = [name for name in names if known.count(name) != 1]
+    # A name may stand for a column within another, and for two columns.
+    paths = [file.schema.column(i).path for i in range(len(file.schema))]
+    known = [path.partition(".")[0] for path in paths]
+    missing = [n for n in names if n not in paths or known.count(n) != 1]
     if missing:
         raise ScenarioError(
             f"there is no column {missing[0]!r}: this is no motion forecasting scenario"

@@ -110,17 +110,16 @@ def _union(areas: Sequence[Float[np.ndarray, "_ 3"]]) -> list[shapely.Polygon]:
     return [shapely.geometry.polygon.orient(part) for part in parts]
 
 
-def _zone(openings: Sequence[Float[np.ndarray, "2 3"]]) -> shapely.Geometry:
-    """Returns what lies along the openings."""
-    if not openings:
-        return shapely.Polygon()
-    lines = shapely.linestrings(np.stack(openings)[..., :2])
-    return shapely.union_all(shapely.buffer(lines, OPENING_REACH, cap_style="flat"))
+def _zone(openings: Sequence[Float[np.ndarray, "2 3"]]) -> shapely.STRtree:
+    """Returns what lies along the openings, as polygons that share no area."""
+    lines = shapely.linestrings(np.array(openings).reshape(-1, 2, 3)[..., :2])
+    along = shapely.union_all(shapely.buffer(lines, OPENING_REACH, cap_style="flat"))
+    return shapely.STRtree(shapely.get_parts(along))
 
 
 def _runs(
     rings: Sequence[shapely.Geometry],
-    zone: shapely.Geometry,
+    zone: shapely.STRtree,
     points: Float[np.ndarray, "points 3"],
 ) -> list[Float[np.ndarray, "_ 3"]]:
     """Returns what remains of rings, at the heights of the nearest points."""
@@ -134,7 +133,7 @@ def _runs(
 
 
 def _opened(
-    ring: Float[np.ndarray, "points 2"], zone: shapely.Geometry
+    ring: Float[np.ndarray, "points 2"], zone: shapely.STRtree
 ) -> list[Float[np.ndarray, "_ 2"]]:
     """Returns the runs of a closed ring that remain without its open segments."""
     is_open = _is_open(ring, zone)
@@ -151,11 +150,14 @@ def _opened(
 
 
 def _is_open(
-    ring: Float[np.ndarray, "points 2"], zone: shapely.Geometry
+    ring: Float[np.ndarray, "points 2"], zone: shapely.STRtree
 ) -> Bool[np.ndarray, " segments"]:
     segments = _segments(ring[:-1], ring[1:])
     length = shapely.length(segments)
-    along = shapely.length(shapely.intersection(segments, zone))
+    # A map of kilometres has thousands of openings, of which few are near a segment.
+    near, opening = zone.query(segments, predicate="intersects")
+    shared = shapely.intersection(segments[near], zone.geometries[opening])
+    along = np.bincount(near, shapely.length(shared), len(segments))
     return (along > 0) & (along >= np.minimum(OPENING_LENGTH, length / 2))
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from ..scenario import DT, Lights, Scenario, ScenarioError, Tracks
+from . import parts
 
 MAX_STEPS = 10_000  # of a log: a thousand seconds
 SAME_RATE = 1e-6  # seconds by which steps may differ from 0.1 s
@@ -45,7 +46,7 @@ def aligned(scenario: Scenario, timeline: Timeline) -> Scenario:
 
     Raises:
         ScenarioError: if steps are not of 0.1 s and such logs are refused, or there
-            would be more than 10,000.
+            would be more than 10,000, or too many states in all.
     """
     if timeline.current_step is not None:
         scenario = dataclasses.replace(scenario, current_step=timeline.current_step)
@@ -62,6 +63,12 @@ def aligned(scenario: Scenario, timeline: Timeline) -> Scenario:
         raise ScenarioError(
             f"the log takes {duration:g} s, at most {MAX_STEPS * DT:g} s fit"
         )
+    # A short log of long steps may have a hundred times as many of 0.1 s.
+    for items, most, what in (
+        (scenario.tracks.valid, parts.MAX_STATES, "states of objects"),
+        (scenario.lights.valid, parts.MAX_LIGHT_STEPS, "states of lights"),
+    ):
+        parts.require_few(len(items) * num_steps, most, f"{what} in steps of {DT:g} s")
     place = _Place.of(num_steps, scenario)
     current = scenario.current_step
     if timeline.current_step is None:

@@ -4,6 +4,7 @@ The format carries less than a scenario: see `as_told` for what comes back.
 """
 
 import dataclasses
+import io
 import pathlib
 from typing import Any
 
@@ -15,6 +16,7 @@ from pyarrow import parquet
 from drivetrain.sim.scenario import LANES, MapType, ObjectType, Scenario
 from tests.sim.data import files
 
+LOG = "log"  # the name of the parquet file, which may be any
 HALF_WIDTH = np.array([0.0, 1.5, 0.0])  # from the centre line to the bounds [m]
 MARGIN = 10.0  # metres of drivable area around the lanes
 WORDS = {
@@ -27,13 +29,63 @@ WORDS = {
 
 def write(wanted: Scenario, folder: pathlib.Path) -> pathlib.Path:
     """Writes a scenario and its map; returns the file to read."""
-    name = wanted.scenario_id
-    (folder / f"log_map_archive_{name}.json").write_bytes(
-        orjson.dumps(map_document(wanted))
-    )
-    path = folder / f"scenario_{name}.parquet"
-    parquet.write_table(pyarrow.table(columns(wanted)), path)
+    made = contents(wanted)
+    path = folder / f"scenario_{wanted.scenario_id}.parquet"
+    path.write_bytes(made.pop(LOG))
+    for name, content in made.items():
+        (folder / name).write_bytes(content)
     return path
+
+
+def contents(wanted: Scenario) -> dict[str, bytes]:
+    """Returns the two files by name."""
+    return dump(document(wanted))
+
+
+def document(wanted: Scenario) -> dict[str, Any]:
+    """Returns what the two files tell: columns, and a tree."""
+    told = {
+        name: np.asarray(column).tolist() for name, column in columns(wanted).items()
+    }
+    return {LOG: told, map_name(wanted): map_document(wanted)}
+
+
+def dump(document: dict[str, Any]) -> dict[str, bytes]:
+    """Encodes what files tell, columns and values of any kind as texts."""
+    return {
+        name: _any_table(told) if name == LOG else orjson.dumps(told, default=str)
+        for name, told in document.items()
+    }
+
+
+def _any_table(told: Any) -> bytes:
+    columns = told if isinstance(told, dict) else {"x": told}
+    columns = {
+        name: column if isinstance(column, list) else [column]
+        for name, column in columns.items()
+    }
+    num_rows = max(map(len, columns.values()), default=0)
+    made = {}
+    for name, column in columns.items():
+        rows = column + [None] * (num_rows - len(column))
+        try:
+            made[name] = pyarrow.array(rows)
+            table({name: made[name]})
+        except (pyarrow.ArrowException, OverflowError):  # of more than one kind
+            made[name] = [str(value) for value in rows]
+    return table(made)
+
+
+def map_name(wanted: Scenario) -> str:
+    """Returns the name that the file of the map must have."""
+    return f"log_map_archive_{wanted.scenario_id}.json"
+
+
+def table(columns: dict[str, Any], **options: Any) -> bytes:
+    """Encodes columns as parquet."""
+    stream = io.BytesIO()
+    parquet.write_table(pyarrow.table(columns), stream, **options)
+    return stream.getvalue()
 
 
 def as_told(wanted: Scenario) -> Scenario:
@@ -43,7 +95,6 @@ def as_told(wanted: Scenario) -> Scenario:
     object_id[wanted.ego_index] = 0
     return dataclasses.replace(
         wanted,
-        dataset="argoverse2",
         tracks=dataclasses.replace(tracks, object_id=object_id),
     )
 

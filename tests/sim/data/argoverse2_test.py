@@ -1,6 +1,5 @@
 """Tests of the reader of Argoverse 2."""
 
-import dataclasses
 import gzip
 import pathlib
 import sys
@@ -13,7 +12,7 @@ import pytest
 from pyarrow import parquet
 
 from drivetrain.sim import scenario
-from drivetrain.sim.data import argoverse2, build, routes
+from drivetrain.sim.data import build, routes
 from drivetrain.sim.data.base import BadRecord
 from drivetrain.sim.scenario import EDGES, MapType, ObjectType, Scenario
 from tests.oracles import metrics
@@ -55,21 +54,6 @@ def rewritten(folder: pathlib.Path, **changed: Any) -> pathlib.Path:
 def real() -> Scenario:
     """Returns the real scenario."""
     return read(REAL_FILES[0])
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_tracks_come_back(tmp_path: pathlib.Path, seed: int) -> None:
-    wanted = argoverse2_files.as_told(files.scenario(seed))
-    found = read(argoverse2_files.write(files.scenario(seed), tmp_path))
-    assert (found.scenario_id, found.dataset) == (wanted.scenario_id, "argoverse2")
-    assert (found.ego_index, found.ego_source) == (wanted.ego_index, "marked")
-    assert (found.current_step, found.num_steps) == (wanted.current_step, 30)
-    flat = dataclasses.replace(
-        wanted.tracks,
-        xyz=np.concatenate([wanted.tracks.xyz[..., :2], found.tracks.xyz[..., 2:]], 2),
-        size=found.tracks.size,
-    )
-    assert files.differences(found.tracks, flat) == []
 
 
 def test_lanes_come_back_between_their_bounds(tmp_path: pathlib.Path) -> None:
@@ -180,12 +164,11 @@ NUM_ROWS = int(files.scenario().tracks.valid.sum())
             "no track is named 'AV'",
         ),
         ({"timestep": np.arange(NUM_ROWS) - 1}, "with steps from -1 to"),
-        ({"timestep": np.arange(NUM_ROWS) * 2**40}, "at most 2000000 states are read"),
+        ({"timestep": np.arange(NUM_ROWS) * 2**40}, "at most 1048576 states are read"),
         ({"scenario_id": ["../secret"] * NUM_ROWS}, "scenario_id must be one name"),
         ({"scenario_id": [str(i) for i in range(NUM_ROWS)]}, "must be one name"),
         ({"position_x": [None] * NUM_ROWS}, "column 'position_x' has empty places"),
         ({"position_x": ["x"] * NUM_ROWS}, "the parquet data are damaged"),
-        ({"position_x": [np.nan] * NUM_ROWS}, "tracks.xyz[0, 1, 0] is nan"),
         ({"observed": np.ones(NUM_ROWS, bool)}, "too short"),
     ],
 )
@@ -193,13 +176,6 @@ def test_what_is_wrong_with_columns_is_named(
     tmp_path: pathlib.Path, changed: dict[str, Any], sentence: str
 ) -> None:
     assert sentence in reason(rewritten(tmp_path, **changed))
-
-
-@pytest.mark.parametrize("cut", [4, 100, -4])
-def test_a_file_cut_off_is_named(tmp_path: pathlib.Path, cut: int) -> None:
-    path = argoverse2_files.write(files.scenario(), tmp_path)
-    path.write_bytes(path.read_bytes()[:cut])
-    assert "the parquet data are damaged" in reason(path)
 
 
 def test_names_that_are_no_numbers_get_free_ones(tmp_path: pathlib.Path) -> None:
@@ -300,9 +276,3 @@ def test_a_missing_pyarrow_is_named(
     path = argoverse2_files.write(files.scenario(), tmp_path)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     assert "pip install 'drivetrain[argoverse2]'" in reason(path)
-
-
-def test_the_format_is_told_from_the_content(tmp_path: pathlib.Path) -> None:
-    head = argoverse2_files.write(files.scenario(), tmp_path).read_bytes()
-    names = [reader.name for reader in build.READERS if reader.recognizes(head)]
-    assert names == [argoverse2.READER.name]

@@ -5,8 +5,10 @@ The format carries less than a scenario: see `as_told` for what comes back.
 
 import dataclasses
 import pathlib
+from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
+from xml.sax import saxutils
 
 import numpy as np
 
@@ -45,6 +47,34 @@ def write(
     return path
 
 
+def text(wanted: Scenario) -> bytes:
+    """Encodes a scenario in the newer version."""
+    return ElementTree.tostring(document(wanted, "2020a"))
+
+
+def as_lists(element: Element) -> list[Any]:
+    """Returns an element as its tag, attributes, text, and then its children."""
+    children = [as_lists(child) for child in element]
+    return [element.tag, dict(element.attrib), element.text or "", *children]
+
+
+def markup(told: Any) -> bytes:
+    """Encodes what lists tell of elements, values of other kinds as text."""
+    return _markup(told).encode()
+
+
+def _markup(told: Any) -> str:
+    match told:
+        case [tag, dict(attributes), value, *children] if isinstance(tag, str):
+            names = "".join(
+                f" {name}={saxutils.quoteattr(str(attribute))}"
+                for name, attribute in attributes.items()
+            )
+            content = "".join(map(_markup, [value, *children]))
+            return f"<{tag}{names}>{content}</{tag}>"
+    return saxutils.escape(str(told))
+
+
 def as_told(wanted: Scenario) -> Scenario:
     """Returns the scenario with what XML can tell: speeds along the yaw, whole lights.
 
@@ -56,7 +86,6 @@ def as_told(wanted: Scenario) -> Scenario:
     state = np.where(np.isin(lights.state, list(COLOURS)), lights.state, 0)
     return dataclasses.replace(
         wanted,
-        dataset="commonroad",
         ego_source="last",
         tracks=dataclasses.replace(
             tracks,

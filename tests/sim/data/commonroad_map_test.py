@@ -204,6 +204,24 @@ def test_a_light_repeats_its_cycle_at_the_end_of_a_lane_without_a_line() -> None
     assert lights.valid.all()
 
 
+def test_a_light_of_several_lanes_is_read_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    root = Element("commonRoad")
+    root.extend(light(("red", "2"), ("green", "3")))
+    root.append(strip(2, (0, 9), (10, 9), '<trafficLightRef ref="9"/>'))
+    read_states, told = commonroad_lights._states, []
+
+    def counted(element: Element, num_steps: int) -> np.ndarray:
+        told.append(element.get("id"))
+        return read_states(element, num_steps)
+
+    monkeypatch.setattr(commonroad_lights, "_states", counted)
+    _, _, lights = read(root)
+    assert told == ["9"]
+    assert (lights.state[0] == lights.state[1]).all()
+
+
 def test_a_light_that_is_switched_off_is_none() -> None:
     root = Element("commonRoad")
     root.extend(light(("red", "2")))

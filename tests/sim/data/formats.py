@@ -15,22 +15,44 @@ import numpy as np
 import orjson
 
 from drivetrain.sim.data import parts
-from drivetrain.sim.scenario import MapType, Scenario
-from tests.sim.data import files, malice, mutations, pickles, protos, puffer
+from drivetrain.sim.scenario import MapType, Polylines, Scenario
+from tests.sim.data import (
+    argoverse2_attacks,
+    argoverse2_files,
+    commonroad_attacks,
+    commonroad_files,
+    files,
+    malice,
+    mutations,
+    pickles,
+    protos,
+    puffer,
+)
 
 LOG = "log"  # the name of a file of a format that is one file
 ZEROS = gzip.compress(bytes(1 << 20), mtime=0) * 200  # more than a record may have
 DEEP = 1 << 20  # containers in one another
 
 Files = dict[str, bytes]  # by name, within a folder
+Attacks = dict[str, Files]  # by label: files to be put in the place of others
 
 
 def _same(value: Any) -> Any:
     return value
 
 
-def _no_attacks() -> Files:
+def _no_attacks() -> Attacks:
     return {}
+
+
+def in_place_of(name: str, attacks: Files) -> Attacks:
+    """Returns attacks that are each one file of a name."""
+    return {label: {name: content} for label, content in attacks.items()}
+
+
+def on_log(attacks: Callable[[], Files]) -> Callable[[], Attacks]:
+    """Returns what makes attacks on formats that are one file."""
+    return lambda: in_place_of(LOG, attacks())
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -39,20 +61,21 @@ class Format:
 
     `write` makes the files of a scenario as damage may find them; `seal` then adds to
     each what tells damage (a checksum), and `target` is what is handed to the reader
-    ("" for the folder). Where files hold documents, `document` and `dump` make such a
-    file by way of one, which may be damaged too. `attacks` are files made to hurt, one
-    at a time in the place of `attacked`, the file by which the format is told.
-    `carried` leaves of a scenario what the format can say.
+    ("" for the folder). Where files hold documents, `document` and `dump` make them by
+    way of one, which may be damaged too. `attacks` are files made to hurt; `attacked`
+    is the file by which the format is told. `carried` leaves of a scenario what the
+    format can say, and `compared` what of a scenario read is as it was written.
     """
 
     write: Callable[[Scenario], Files]
     carried: Callable[[Scenario], Scenario]
     seal: Callable[[bytes], bytes] = _same
     target: str = LOG
+    compared: Callable[[Scenario], Scenario] = _same
     document: Callable[[Scenario], Any] | None = None
-    dump: Callable[[Any], bytes] = _same
+    dump: Callable[[Any], Files] = _same
     absurd: tuple[Any, ...] = mutations.ABSURD
-    attacks: Callable[[], Files] = _no_attacks
+    attacks: Callable[[], Attacks] = _no_attacks
     attacked: str = LOG
 
     def sealed(self, contents: Files) -> Files:
@@ -66,8 +89,8 @@ class Format:
         return folder / self.target
 
 
-def one_file(encode: Callable[[Scenario], bytes]) -> Callable[[Scenario], Files]:
-    """Returns what writes a scenario as the only file of its format."""
+def one_file(encode: Callable[[Any], bytes]) -> Callable[[Any], Files]:
+    """Returns what writes a scenario or document as the only file of its format."""
     return lambda wanted: {LOG: encode(wanted)}
 
 
@@ -205,6 +228,45 @@ def attacks_on_tfrecords() -> Files:
     }
 
 
+def of_argoverse2(wanted: Scenario) -> Scenario:
+    """Leaves tracks in the plane: heights and sizes are guessed, lanes made anew."""
+    tracks = wanted.tracks
+    return without_map(
+        dataclasses.replace(
+            wanted,
+            tracks=dataclasses.replace(
+                tracks, xyz=tracks.xyz * [1, 1, 0], size=tracks.size * 0
+            ),
+            lights=parts.no_lights(wanted.num_steps),
+        )
+    )
+
+
+def of_commonroad(wanted: Scenario) -> Scenario:
+    """Leaves tracks and lights: heights of objects are guessed, lanes made anew."""
+    flat = dataclasses.replace(wanted.tracks, size=wanted.tracks.size * [1, 1, 0])
+    return without_map(dataclasses.replace(wanted, tracks=flat))
+
+
+def without_map(wanted: Scenario) -> Scenario:
+    """Leaves out the roads and what ties them."""
+    nothing = np.zeros(0, np.int64)
+    roads = Polylines(
+        xyz=np.zeros((0, 3)),
+        offset=np.zeros(1, np.int64),
+        map_type=nothing,
+        feature_id=nothing,
+    )
+    return dataclasses.replace(without_links(wanted), roads=roads)
+
+
+def attacks_on_argoverse2() -> Attacks:
+    """Returns tables that hurt, and maps beside a table that does not."""
+    map_name = argoverse2_files.map_name(argoverse2_attacks.WANTED)
+    on_tables = in_place_of(LOG, argoverse2_attacks.tables())
+    return on_tables | in_place_of(map_name, argoverse2_attacks.maps())
+
+
 def attacks_on_pufferdrive() -> Files:
     """Returns maps whose counts lie, or are as large as they may be."""
     title = struct.pack("<iii", 1, 7, 91)
@@ -228,32 +290,51 @@ FORMATS: dict[str, Format] = {
         write=one_file(example_record),
         carried=without_links,
         seal=files.tfrecord,
-        attacks=attacks_on_tfrecords,
+        attacks=on_log(attacks_on_tfrecords),
     ),
     "womd_scenario": Format(
         write=one_file(protos.scenario_proto),
         carried=_same,
         seal=files.tfrecord,
-        attacks=attacks_on_tfrecords,
+        attacks=on_log(attacks_on_tfrecords),
     ),
     "womd_json": Format(
         write=one_file(lambda wanted: json_file(files.json_document(wanted))),
         carried=without_links,
         document=files.json_document,
-        dump=json_file,
-        attacks=attacks_on_json,
+        dump=one_file(json_file),
+        attacks=on_log(attacks_on_json),
     ),
     "scenarionet": Format(
         write=one_file(pickles.scenarionet_file),
         carried=with_known_links,
         document=pickles.document,
-        dump=pickle.dumps,
+        dump=one_file(pickle.dumps),
         absurd=mutations.ABSURD + mutations.ABSURD_ARRAYS,
-        attacks=attacks_on_scenarionet,
+        attacks=on_log(attacks_on_scenarionet),
     ),
     "pufferdrive": Format(
         write=one_file(puffer.puffer_file),
         carried=of_pufferdrive,
-        attacks=attacks_on_pufferdrive,
+        attacks=on_log(attacks_on_pufferdrive),
+    ),
+    "argoverse2": Format(
+        write=argoverse2_files.contents,
+        carried=argoverse2_files.as_told,
+        compared=of_argoverse2,
+        document=argoverse2_files.document,
+        dump=argoverse2_files.dump,
+        attacks=attacks_on_argoverse2,
+    ),
+    "commonroad": Format(
+        write=one_file(commonroad_files.text),
+        carried=commonroad_files.as_told,
+        compared=of_commonroad,
+        # Of the older version: either is damaged as often.
+        document=lambda wanted: commonroad_files.as_lists(
+            commonroad_files.document(wanted, "2018b")
+        ),
+        dump=one_file(commonroad_files.markup),
+        attacks=on_log(commonroad_attacks.everything),
     ),
 }

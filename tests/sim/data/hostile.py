@@ -63,10 +63,8 @@ def mutated_files(name: str, seed: int, index: int) -> Files:
     number = int(rng.integers(NUM_SEEDS))
     if made.document is not None and rng.random() < 0.5:
         document = made.document(files.scenario(number, NUM_STEPS))
-        changed = {
-            made.attacked: made.dump(mutations.replaced(document, rng, made.absurd))
-        }
-        contents = made.sealed(undamaged(name, number) | changed)
+        damaged = mutations.replaced(document, rng, made.absurd)
+        contents = made.sealed(undamaged(name, number) | made.dump(damaged))
     else:
         contents = dict(undamaged(name, number))
         part = list(contents)[int(rng.integers(len(contents)))]
@@ -114,8 +112,8 @@ def main(name: str, num_mutations: int, seed: int) -> None:
     report = Report()
     made = FORMATS[name]
     whole = made.sealed(undamaged(name, 0))
-    for label, content in made.attacks().items():
-        read(name, whole | {made.attacked: content}, label, report)
+    for label, contents in made.attacks().items():
+        read(name, whole | contents, label, report)
     for index in range(num_mutations):
         if len(report.failures) < MOST_FAILURES:
             read(name, mutated_files(name, seed, index), f"mutation {index}", report)

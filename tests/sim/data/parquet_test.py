@@ -50,6 +50,8 @@ def test_texts_are_numbered_as_they_come_not_as_a_dictionary_has_them() -> None:
         ({"t": [7], "i": [1], "x": [1.0]}, "column 't' holds no texts"),
         ({"t": [b"\xff"], "i": [1], "x": [1.0]}, "column 't' holds no texts"),
         ({"t": [["a"]], "i": [1], "x": [1.0]}, "there is no column 't'"),
+        ({"a": [{"t": "a"}], "i": [1], "x": [1.0]}, "there is no column 't'"),
+        ({"t": ["a"], "i": [1], "x": [{"x": 1.0}]}, "there is no column 'x'"),
     ],
 )
 def test_a_wrong_column_is_named(table: dict[str, Any], sentence: str) -> None:
@@ -67,6 +69,12 @@ def test_a_table_of_too_many_rows_is_named() -> None:
     record = encoded({"i": np.zeros(parquet.MAX_ROWS + 1, np.int64)})
     with pytest.raises(ScenarioError, match="has 1000001 rows; 1 to 1000000 are read"):
         parquet.columns(record, [], ["i"], [])
+
+
+def test_a_long_footer_is_refused_before_it_is_read() -> None:
+    columns = {f"{i:0100}": [1] for i in range(1000)}  # each name comes a few times
+    with pytest.raises(ScenarioError, match=r"a footer of \d+ bytes, at most 262144"):
+        parquet.columns(encoded(columns), [], ["i"], [])
 
 
 def test_a_long_text_that_comes_often_is_held_once() -> None:

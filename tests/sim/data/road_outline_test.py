@@ -110,6 +110,12 @@ def test_a_road_is_open_where_it_leads_out_of_the_map() -> None:
     assert np.allclose(high[[0, -1], :2], [[50, 3], [0, 3]], rtol=0, atol=EXACT)
 
 
+def test_openings_that_overlap_count_once() -> None:
+    across = [np.array([[0.0, y, 0], [0, y + 2.5, 0]]) for y in (-3, -2, -1.5, 0.5)]
+    (edge,), _ = road_outline.edges([box(0, -3, 50, 3)], across)
+    assert np.allclose(edge[[0, -1], :2], [[0, -3], [0, 3]], rtol=0, atol=EXACT)
+
+
 def test_an_opening_inside_the_road_opens_nothing() -> None:
     ends = [np.array([[25.0, -3.0, 0], [25.0, 3, 0]])]
     edge = only([box(0, -3, 50, 3)], ends)

@@ -118,3 +118,19 @@ def test_an_earlier_current_step_lets_short_logs_be_used(tmp_path: pathlib.Path)
 def test_a_negative_step_is_refused() -> None:
     with pytest.raises(ValueError, match="current_step must be at least 0, got -1"):
         Timeline(current_step=-1)
+
+
+@pytest.mark.parametrize(
+    ("limit", "sentence"),
+    [
+        ("MAX_STATES", "there are 455 states of objects in steps of 0.1 s"),
+        ("MAX_LIGHT_STEPS", "there are 182 states of lights in steps of 0.1 s"),
+    ],
+)
+def test_too_many_new_states_are_named(
+    monkeypatch: pytest.MonkeyPatch, limit: str, sentence: str
+) -> None:
+    # Ten steps of 1 s become 91 of 0.1 s, of five objects and two lights.
+    monkeypatch.setattr(timeline.parts, limit, 9 * 10)
+    with pytest.raises(ScenarioError, match=sentence):
+        timeline.aligned(moving(1.0, 10), timeline.DEFAULT)
