@@ -10,7 +10,7 @@ from drivetrain.sim.env.controlled import MovingConfig
 from drivetrain.sim.scenario import ObjectType
 from tests import worlds
 
-BUSY = 2  # a generated scenario with all kinds of objects, of whom some join late
+BUSY = 0  # a generated scenario with all kinds of objects, of whom some join late
 
 
 def test_sets_by_type_share_out_all_objects() -> None:

@@ -27,7 +27,7 @@ from drivetrain.sim.sim_agents.playback import PLAYBACK
 from tests import worlds
 
 BUSY = 0  # a generated scenario with all kinds of objects, of whom some join late
-LATE = 5  # a vehicle of it that is not there at the start
+LATE = 13  # a vehicle of it that is not there at the start
 NUM_OBJECTS = 15  # slots of the bank
 NUM_STEPS = 25
 MEASURED = ("collision", "offroad", "kinematic", "log_displacement", "progress")
