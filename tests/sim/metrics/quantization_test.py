@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from jaxtyping import Array, Int
 
-from drivetrain.sim.data import bank as banks, loader
+from drivetrain.sim.data import bank as banks, inputs
 from drivetrain.sim.data.bank import Bank, Sizes
 from drivetrain.sim.data.base import BadRecord
 from drivetrain.sim.data.pack import PackConfig
@@ -58,7 +58,7 @@ def bank_of(config: PackConfig) -> Bank:
     records = [
         record
         for path in sorted(paths)[::2]
-        for record in loader.packed_records(path, config)
+        for record in inputs.packed_records(path, config)
     ]
     packed = [record for record in records if not isinstance(record, BadRecord)]
     return jax.device_put(banks.build(packed, Sizes.of(packed, 128)))

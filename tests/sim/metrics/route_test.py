@@ -81,6 +81,8 @@ def fork(y: float) -> route.PathSegments:
         end=jnp.stack([jnp.full(2, 50.0), side], -1),
         arc=jnp.array([0.0, 100.0]),
         path=jnp.array([0, 1]),
+        speed_limit=jnp.zeros(2),
+        is_limited=jnp.zeros(2, bool),
         on_route=jnp.array([True, True]),
         log_arc=jnp.zeros((2, 2)),
         valid=jnp.array([True, True]),

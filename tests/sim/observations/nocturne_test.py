@@ -139,7 +139,7 @@ def test_tilting_the_head_turns_the_cone_alone() -> None:
 
 def test_frames_of_the_imitation_variant_are_observations_of_past_steps() -> None:
     """At the end of the log, so that a later frame would lack lights."""
-    scene, _ = generated(2)
+    scene, _ = generated()
     config = dataclasses.replace(
         IMITATION, num_lights=20, view_angle=2 * math.pi, view_distance=300.0
     )
