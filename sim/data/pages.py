@@ -87,7 +87,7 @@ def choose(
     """Chooses the scenarios of a page: those that wait, then in order, if they fit.
 
     A scenario that does not fit beside the others waits for the next page. When as many
-    wait as a page holds, the largest chosen one waits in their place.
+    wait as a page holds, the largest chosen one makes room for smaller ones.
 
     Args:
         sizes: the share of a page's room that each scenario takes, by its number.
@@ -104,22 +104,23 @@ def choose(
     chosen: list[int] = []
     left: list[int] = []
     candidates = collections.deque(waiting)
-    used = np.zeros(sizes.shape[1])
+
+    def fits(number: int) -> bool:
+        return bool((sizes[[*chosen, number]].sum(axis=0) <= 1.0).all())
+
     for _ in range(MAX_DRAWS * count):
         if len(chosen) == count:
             return chosen, [*left, *candidates]
         number = candidates.popleft() if candidates else next(order)
-        if (used + sizes[number] <= 1.0).all():
+        if len(left) >= count and chosen and not fits(number):
+            largest = max(chosen, key=lambda other: sizes[other].max())
+            if sizes[number].max() < sizes[largest].max():
+                chosen.remove(largest)
+                left.append(largest)
+        if fits(number):
             chosen.append(number)
-            used += sizes[number]
-            continue
-        left.append(number)
-        if len(left) >= count and chosen:
-            largest = chosen.pop(int(np.argmax(sizes[chosen].max(axis=1))))
-            used -= sizes[largest]
-            smallest_first = np.argsort(sizes[left].max(axis=1), kind="stable")
-            candidates = collections.deque(left[i] for i in smallest_first)
-            left = [largest]
+        else:
+            left.append(number)
     raise ValueError(
         f"no {count} scenarios fit into a page together; use more scenarios per page"
     )

@@ -181,12 +181,19 @@ def test_what_cannot_stream_is_refused(folder):
 
 
 def test_scenarios_that_do_not_fit_wait_for_the_next_page():
-    sizes = np.array([[0.5], [0.5], [0.3], [0.3], [0.4], [0.2]])
-    order = iter([0, 1, 2, 3, 4, 5])
+    sizes = np.array([[0.5], [0.5], [0.3], [0.3], [0.4], [0.2], [0.3], [0.1]])
+    order = iter(range(8))
     chosen, waiting = pages.choose(sizes, 3, [], order)
-    # 0 and 1 fill the page; with 2 and 3 and 4 waiting, the larger of them gives way.
-    assert len(chosen) == 3 and sizes[chosen].sum() <= 1.0
-    assert sorted(chosen + waiting + list(order)) == [0, 1, 2, 3, 4, 5]
+    # 0 and 1 fill the page; when 2, 3 and 4 wait, 0 makes room for 5, and 6 fits too.
+    assert (chosen, waiting) == ([1, 5, 6], [2, 3, 4, 0])
+    assert list(order) == [7]
+
+
+def test_pages_are_filled_though_large_scenarios_wait():
+    sizes = np.array([[0.9], [0.8], [0.7], [0.2], [0.1]])
+    chosen, waiting = pages.choose(sizes, 2, [0, 1, 2], iter([3, 4]))
+    # None of the large ones fits beside another: the largest makes room.
+    assert (sorted(chosen), sorted(waiting)) == ([3, 4], [0, 1, 2])
 
 
 def test_pages_that_hold_nothing_are_refused():
