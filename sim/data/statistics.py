@@ -69,7 +69,7 @@ def _samples(packed: Packed) -> Samples:
         "ego_speed": speed[0, steps][log.valid[0, steps]],
         "speed": speed[:, steps][moving[:, steps]],
         "acceleration": _accelerations(speed, moving, steps),
-        "headway": _headways(log, packed, moving & log.valid, steps),
+        "headway": _headways(log, packed, moving, steps),
         "objects": alone(entry.num_objects),
         "still": alone(entry.num_still / entry.num_objects),
         "at_junction": alone(entry.is_at_junction),

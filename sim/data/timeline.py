@@ -108,8 +108,8 @@ def _tracks(tracks: Tracks, place: _Place, dt: float) -> Tracks:
         start, end, slope[:, place.before], slope[:, place.after], place.share[:, None]
     )
     first_yaw, last_yaw = tracks.yaw[:, place.before], tracks.yaw[:, place.after]
-    turn = (last_yaw - first_yaw + np.pi) % (2 * np.pi) - np.pi
-    yaw = (first_yaw + place.share * turn + np.pi) % (2 * np.pi) - np.pi
+    turn = parts.wrap_angle(last_yaw - first_yaw)
+    yaw = parts.wrap_angle(first_yaw + place.share * turn)
     is_logged = place.share == 0
     velocity = np.where(
         is_logged[:, None], tracks.velocity[:, place.before], per_step[..., :2] / dt
