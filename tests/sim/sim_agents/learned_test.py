@@ -56,7 +56,7 @@ def scene() -> Scene:
 
 def with_a_late_one() -> Scenario:
     """Returns a scenario whose last track joins 15 steps after the current one."""
-    scenario = worlds.scenarios("generated")[2]
+    scenario = worlds.scenarios("generated")[0]
     valid = scenario.tracks.valid.copy()
     valid[-1, : START + 15] = False
     tracks = dataclasses.replace(scenario.tracks, valid=valid)
@@ -122,7 +122,7 @@ def test_a_policy_reads_observations_of_its_own_object() -> None:
     far = np.asarray(played.valid[0] & ends.valid) & (start > 12.0)
     end = np.linalg.norm(np.asarray(played.xy[-1] - ends.xy), axis=-1)
     # Steps of 0.2 m ahead and 0.2 m aside, 30 of them, lead at least 6 m nearer.
-    assert far.sum() > 1 and np.all(end[far] < start[far] - 6.0 + 0.2 * 2**0.5)
+    assert far.sum() > 2 and np.all(end[far] < start[far] - 6.0 + 0.2 * 2**0.5)
 
 
 def test_actions_again_are_the_same_motions() -> None:
