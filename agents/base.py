@@ -3,22 +3,34 @@
 import dataclasses
 from collections.abc import Callable
 
-from jaxtyping import Array, Key, PyTree
+from jaxtyping import Array, Float, Key, PyTree
 
 from ..sim.observations.base import Observation
-from .distributions import Distribution
+from ..sim.records import Record
+from .distributions import ActionValues, Distribution
 
 Params = PyTree[Array]
+Memory = PyTree[Array]
+
+
+class Output(Record):
+    """What an agent makes of an observation."""
+
+    # Over actions in the environment's own units: its `mode()` drives when evaluating;
+    # where it is a distribution, its `sample(key)` explores.
+    policy: Distribution | ActionValues
+    value: Float[Array, ""]  # the expected return; zero where the agent has no critic
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Agent:
     """A policy without its parameters.
 
-    `init(key)` draws parameters. `distribution(params, observation)` is the policy's
-    distribution over actions in the environment's own units: its `mode()` drives when
-    evaluating, its `sample(key)` when exploring, its `log_prob(action)` when imitating.
+    `init(key)` draws parameters. `memory()` is what it remembers before the first step
+    of an episode, nothing for most. `step(params, memory, observation)` is what it
+    remembers after an observation, and what it makes of it.
     """
 
     init: Callable[[Key[Array, ""]], Params]
-    distribution: Callable[[Params, Observation], Distribution]
+    memory: Callable[[], Memory]
+    step: Callable[[Params, Memory, Observation], tuple[Memory, Output]]

@@ -3,13 +3,13 @@
 import dataclasses
 
 import jax
+import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Key
 
 from ..sim.dynamics.base import ActionSpec
 from ..sim.observations.base import Observation
-from .base import Agent, Params
-from .distributions import Distribution
+from .base import Agent, Memory, Output, Params
 from .encoders.mlp import ResidualMLP
 from .encoders.wayformer import Wayformer, WayformerConfig
 from .heads.policy import policy_head
@@ -43,8 +43,9 @@ class _Network(nnx.Module):
             config.hidden_width, action_spec, config.num_components, rngs=rngs
         )
 
-    def __call__(self, observation: Observation) -> Distribution:
-        return self.head(self.mlp(self.encoder(observation)))
+    def __call__(self, observation: Observation) -> Output:
+        features = self.mlp(self.encoder(observation))
+        return Output(policy=self.head(features), value=jnp.zeros(()))
 
 
 def build(
@@ -79,8 +80,10 @@ def build(
     def init(key: Key[Array, ""]) -> Params:
         return nnx.to_pure_dict(nnx.state(network(key)))
 
-    def distribution(params: Params, observation: Observation) -> Distribution:
+    def step(
+        params: Params, memory: Memory, observation: Observation
+    ) -> tuple[Memory, Output]:
         state = nnx.restore_int_paths(params)
-        return nnx.merge(graphdef, state)(observation)
+        return memory, nnx.merge(graphdef, state)(observation)
 
-    return Agent(init=init, distribution=distribution)
+    return Agent(init=init, memory=lambda: (), step=step)

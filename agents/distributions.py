@@ -33,6 +33,16 @@ class Categorical(Record):
         return jnp.argmax(self.logits).astype(jnp.int32)
 
 
+class ActionValues(Record):
+    """What each of some numbered actions is worth: the greedy policy over them."""
+
+    values: Float[Array, " actions"]  # expected returns
+
+    def mode(self) -> Int[Array, ""]:
+        """Returns the action of the highest value, the first of several."""
+        return jnp.argmax(self.values).astype(jnp.int32)
+
+
 class TanhMixture(Record):
     """A mixture of Gaussians with diagonal covariance, squashed into bounds by tanh.
 

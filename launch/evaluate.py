@@ -12,7 +12,6 @@ from rich import console as rich_console
 
 from ..learners import acting, checkpoint, mesh as meshes
 from ..learners.evaluator import compile_evaluator, figures
-from ..learners.program import initial_state
 from ..sim.dynamics import build as dynamics
 from ..sim.env import drivers
 from ..sim.env.base import Driver, Environment
@@ -20,9 +19,9 @@ from ..sim.observations.vector import VectorConfig
 from . import actions, tables
 from .actions import RECORDED, Record
 from .banks import Loaded
-from .experiment import agent, environment, learner
+from .experiment import agent, environment
 from .progress import progress
-from .train import CHECKPOINTS, load_run
+from .train import CHECKPOINTS, PARAMS, load_run
 
 SIMPLE = VectorConfig(history=0, num_objects=1, num_road=1, num_lights=1)
 
@@ -120,8 +119,9 @@ def trained(folder: pathlib.Path, sim_agent: str, loaded: Loaded) -> Player:
     env = environment(experiment.observation, experiment.dynamics, sim_agent)
     made = agent(experiment, env, loaded.one_shard)
     mesh = meshes.data_mesh()
-    like = initial_state(learner(experiment, made), mesh, jax.random.key(0))
-    restored = checkpoint.Checkpoints(folder / CHECKPOINTS).restore(like)
+    like = meshes.replicate(mesh, jax.jit(made.init)(jax.random.key(0)))
+    checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
+    restored = checkpoints.restore_part(like, PARAMS)
     console = rich_console.Console(stderr=True)
     console.print(
         f"{folder} at update {restored.step:,}", highlight=False, markup=False
@@ -132,7 +132,7 @@ def trained(folder: pathlib.Path, sim_agent: str, loaded: Loaded) -> Player:
         dynamics=experiment.dynamics,
         env=env,
         driver_of=acting.greedy(made, env),
-        params=restored.tree.params,
+        params=restored.tree,
     )
 
 

@@ -10,6 +10,7 @@ from ..agents import build as agents
 from ..agents.base import Agent
 from ..learners import build as learners
 from ..learners.base import Learner
+from ..learners.bc import CloningConfig
 from ..sim import rewards
 from ..sim.data import loader
 from ..sim.data.bank import Bank
@@ -38,7 +39,7 @@ class Experiment:
     dynamics: str = "bicycle_discrete"  # of the ego: the action space
     observation: VectorConfig = field(default_factory=VectorConfig)
     agent: agents.AgentConfig = field(default_factory=agents.AgentConfig)
-    learner: learners.LearnerConfig = field(default_factory=learners.LearnerConfig)
+    learner: learners.LearnerConfig = field(default_factory=CloningConfig)
     updates: int = 100_000  # of the learner, in all
     updates_per_call: int = 50  # of the compiled program
     updates_per_checkpoint: int = 1000

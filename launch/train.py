@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
+import numpy as np
 from rich import console as rich_console
 
 from ..learners import checkpoint, mesh as meshes
-from ..learners.base import TrainState
+from ..learners.base import Metrics, TrainState
 from ..learners.program import Program, compile_program, initial_state
 from ..sim import files
 from . import banks, config, feeds, logbook
@@ -19,6 +20,7 @@ from .progress import progress
 
 CONFIG = "config.yaml"
 CHECKPOINTS = "checkpoints"
+PARAMS = ".params"  # of the train state in a checkpoint
 
 
 def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
@@ -52,7 +54,7 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
 
     made = learner(experiment, agent(experiment, env, banks.one_shard(feed.bank)))
     program = compile_program(made, mesh, experiment.updates_per_call)
-    state = initial_state(made, mesh, jax.random.key(experiment.seed))
+    state = initial_state(made, mesh, jax.random.key(experiment.seed), feed.bank)
     files.write_whole(folder / CONFIG, config.to_yaml(experiment))
 
     checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
@@ -91,13 +93,22 @@ def _run(
             state, metrics = program(state, feed.bank)
             done += experiment.updates_per_call
             feed.begin(done)
-            scalars = {name: float(value) for name, value in metrics.items()}
+            scalars = _means(metrics)
             log.write(done, scalars | feed.exchange())
             line.update(done, f"loss {scalars['loss']:.3f}")
             is_last = done == total
             if is_last or done % experiment.updates_per_checkpoint == 0:
                 save(state, done)
     return state
+
+
+def _means(metrics: Metrics) -> dict[str, float]:
+    """Returns the means over the updates of a call; what no update met is left out."""
+    sums = {
+        name: (float(np.sum(mean.total)), float(np.sum(mean.weight)))
+        for name, mean in jax.device_get(metrics).items()
+    }
+    return {name: total / weight for name, (total, weight) in sums.items() if weight}
 
 
 def _check_folder(folder: pathlib.Path, experiment: Experiment) -> None:

@@ -1,14 +1,148 @@
-"""Lets an agent drive."""
+"""Lets an agent drive: the one path by which learners act and evaluations play."""
 
 from collections.abc import Callable
-from typing import Any
 
-from jaxtyping import Array, PRNGKeyArray, PyTree
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Key, PRNGKeyArray, PyTree
 
-from ..agents.base import Agent
+from ..agents.base import Agent, Memory, Output, Params
 from ..sim.data.bank import Bank
+from ..sim.data.stratum import Stratum
 from ..sim.dynamics.base import Action
-from ..sim.env.base import Driver, Environment, State
+from ..sim.env import rollout
+from ..sim.env.base import Act, Driver, Environment, State, Timestep
+from ..sim.metrics.base import Measure
+from ..sim.observations.base import Observation
+from ..sim.records import Record
+
+# Of what an agent makes of an observation: an action, and what to remember of it.
+Choose = Callable[[Output, PRNGKeyArray], tuple[Action, PyTree]]
+
+
+class World(Record):
+    """A world, and the agent in it, between two steps."""
+
+    state: State
+    memory: Memory  # of each actor
+    ended: Bool[Array, ""]  # the episode is over: shown once more, then begun anew
+
+
+class Step(Record):
+    """One step of each actor: the ego in planning, every object in multi-agent.
+
+    The step after the last of an episode is there too, with the observation of how it
+    ended and a mask of False: what is missed by ending early, `value_tp1`, can be told
+    from it. Other steps without mask are those of objects that did not act.
+    """
+
+    observation: Observation
+    action: Action
+    note: PyTree  # what the learner remembers of the choice
+    reward: Float[Array, "*actors"]
+    discount: Float[Array, "*actors"]  # 0 where the task itself ended
+    mask: Bool[Array, "*actors"]
+    ended: Bool[Array, ""]  # the episode ended with this step
+    measures: dict[str, Measure]
+
+
+def begin(
+    env: Environment, agent: Agent, bank: Bank, stratum: Stratum, key: PRNGKeyArray
+) -> World:
+    """Returns a world at the start of an episode in a random scenario of a stratum."""
+    state = rollout.begin(env, bank, stratum, key)
+    return World(
+        state=state,
+        memory=_memory(env, agent, len(state.admitted)),
+        ended=jnp.bool_(False),
+    )
+
+
+def unroll(
+    env: Environment,
+    agent: Agent,
+    params: Params,
+    choose: Choose,
+    bank: Bank,
+    stratum: Stratum,
+    worlds: World,
+    keys: Key[Array, " worlds"],
+    num_steps: int,
+) -> tuple[World, Step]:
+    """Plays some steps in many worlds; where an episode ends, another begins.
+
+    Args:
+        env: the task.
+        agent: who acts.
+        params: its parameters.
+        choose: its actions.
+        bank: the scenarios.
+        stratum: of each world, those that it may play.
+        worlds: at the start, with a leading axis.
+        keys: of each world.
+        num_steps: how many steps.
+
+    Returns:
+        The worlds after the last step, and the steps, [steps, worlds, *actors, ...].
+    """
+    play = jax.vmap(_play, in_axes=(None, None, None, None, None, 0, 0))
+    start = jax.vmap(begin, in_axes=(None, None, None, 0, 0))
+
+    def step(worlds: World, number: Array) -> tuple[World, Step]:
+        now = jax.vmap(jax.random.fold_in, in_axes=(0, None))(keys, number)
+        own = jax.vmap(jax.random.split)(now)
+        following, steps = play(env, agent, params, choose, bank, worlds, own[:, 0])
+        # Whoever was shown how it ended begins anew; often that is nobody.
+        fresh = jax.lax.cond(
+            jnp.any(worlds.ended),
+            lambda: start(env, agent, bank, stratum, own[:, 1]),
+            lambda: following,
+        )
+        return _where(worlds.ended, fresh, following), steps
+
+    return jax.lax.scan(step, worlds, jnp.arange(num_steps))
+
+
+def _play(
+    env: Environment,
+    agent: Agent,
+    params: Params,
+    choose: Choose,
+    bank: Bank,
+    world: World,
+    key: PRNGKeyArray,
+) -> tuple[World, Step]:
+    """Plays one step in one world."""
+    observation = env.observe(bank, world.state)
+    memory, output = _each(env, agent.step, (None, 0, 0))(
+        params, world.memory, observation
+    )
+    action, note = _each(env, choose, (0, 0))(output, _keys(env, world.state, key))
+    act = (action,) if _is_multi_agent(env) else action
+    state, timestep = env.step(bank, world.state, act)
+    mask = timestep.acted & ~world.ended
+    ended = rollout.has_ended(timestep) & ~world.ended
+    steps = Step(
+        observation=observation,
+        action=action,
+        note=note,
+        reward=jnp.where(mask, timestep.reward, 0.0),
+        discount=timestep.discount,
+        mask=mask,
+        ended=ended,
+        measures=_masked(timestep, mask),
+    )
+    memory = _where(mask, memory, _memory(env, agent, len(state.admitted)))
+    return World(state=state, memory=memory, ended=ended), steps
+
+
+def look(
+    env: Environment, agent: Agent, params: Params, bank: Bank, world: World
+) -> tuple[Observation, Output]:
+    """Returns what the actors of a world see and make of it, acting aside."""
+    observation = env.observe(bank, world.state)
+    _, output = _each(env, agent.step, (None, 0, 0))(params, world.memory, observation)
+    return observation, output
 
 
 def greedy(agent: Agent, env: Environment) -> Callable[[PyTree, Array], Driver]:
@@ -22,12 +156,59 @@ def greedy(agent: Agent, env: Environment) -> Callable[[PyTree, Array], Driver]:
         del number
 
         def act(
-            memory: Any, bank: Bank, state: State, key: PRNGKeyArray
-        ) -> tuple[Any, Action]:
+            memory: Memory, bank: Bank, state: State, key: PRNGKeyArray
+        ) -> tuple[Memory, Act]:
             del key
             observation = env.observe(bank, state)
-            return memory, agent.distribution(params, observation).mode()
+            step = _each(env, agent.step, (None, 0, 0))
+            memory, output = step(params, memory, observation)
+            action = _each(env, lambda output: output.policy.mode(), (0,))(output)
+            if not _is_multi_agent(env):
+                return memory, action
+            here = state.controlled & state.motion.valid
+            return _where(here, memory, _memory(env, agent, len(here))), (action,)
 
-        return Driver(lambda scene: (), act)
+        return Driver(lambda scene: _memory(env, agent, len(scene.object_mask)), act)
 
     return driver_of
+
+
+def _is_multi_agent(env: Environment) -> bool:
+    return isinstance(env.action_spec, tuple)
+
+
+def _each(env: Environment, function: Callable, axes: tuple) -> Callable:
+    """Returns a function of one actor for all of a world."""
+    return jax.vmap(function, in_axes=axes) if _is_multi_agent(env) else function
+
+
+def _memory(env: Environment, agent: Agent, num_objects: int) -> Memory:
+    """Returns what each actor remembers before its first step."""
+
+    def of_all(leaf: Array) -> Array:
+        return jnp.broadcast_to(leaf[None], (num_objects, *leaf.shape))
+
+    memory = agent.memory()
+    return jax.tree.map(of_all, memory) if _is_multi_agent(env) else memory
+
+
+def _keys(env: Environment, state: State, key: PRNGKeyArray) -> PRNGKeyArray:
+    return jax.random.split(key, len(state.admitted)) if _is_multi_agent(env) else key
+
+
+def _masked(timestep: Timestep, mask: Bool[Array, "*actors"]) -> dict[str, Measure]:
+    return {
+        name: measure.replace(valid=measure.valid & mask)
+        for name, measure in timestep.measures.items()
+    }
+
+
+def _where(mask: Bool[Array, "*batch"], a: PyTree, b: PyTree) -> PyTree:
+    """Chooses along leading axes."""
+
+    def choose(one: Array, other: Array) -> Array:
+        return jnp.where(
+            mask.reshape(mask.shape + (1,) * (one.ndim - mask.ndim)), one, other
+        )
+
+    return jax.tree.map(choose, a, b)

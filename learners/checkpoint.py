@@ -127,6 +127,19 @@ class Checkpoints:
             FileNotFoundError: if there is no undamaged step.
             ValueError: if the step holds other arrays than `like`.
         """
+        return self.restore_part(like, "")
+
+    def restore_part(self, like: Tree, prefix: str) -> Restored:
+        """Restores a part of the tree that was saved, and leaves the rest.
+
+        Args:
+            like: of the structure, shapes and types of the part.
+            prefix: with which its arrays begin, such as `.params`.
+
+        Raises:
+            FileNotFoundError: if there is no undamaged step.
+            ValueError: if the part of the step holds other arrays than `like`.
+        """
         self.wait()
         for step in reversed(self.steps()):
             path = self._directory / str(step)
@@ -141,7 +154,12 @@ class Checkpoints:
                     error,
                 )
                 continue
-            return Restored(step=step, tree=_like(like, arrays), metadata=metadata)
+            part = {
+                name.removeprefix(prefix): array
+                for name, array in arrays.items()
+                if name.startswith(prefix)
+            }
+            return Restored(step=step, tree=_like(like, part), metadata=metadata)
         raise FileNotFoundError(f"no undamaged checkpoint in {self._directory}.")
 
     def _set_damaged_aside(self) -> None:

@@ -3,19 +3,21 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ..agents.distributions import Categorical, Distribution, TanhMixture
+from ..agents.distributions import ActionValues, Categorical, Distribution, TanhMixture
 from ..sim.dynamics.base import Action
+from .base import Mean
 
 
-def weighted_sum(
-    values: Float[Array, " batch"], weights: Float[Array, " batch"]
-) -> Float[Array, ""]:
-    """Sums values by weight; a value of weight zero may be anything, NaN included."""
-    return jnp.sum(jnp.where(weights > 0, values, 0.0) * weights)
+def weighted(values: Float[Array, "*batch"], weights: Float[Array, "*batch"]) -> Mean:
+    """Means values by weight; a value of weight zero may be anything, NaN included."""
+    return Mean(
+        total=jnp.sum(jnp.where(weights > 0, values, 0.0) * weights),
+        weight=jnp.sum(weights),
+    )
 
 
 def imitation_error(
-    distribution: Distribution, action: Action
+    policy: Distribution | ActionValues, action: Action
 ) -> dict[str, Float[Array, ""]]:
     """Compares the action that a policy would drive with the expert's.
 
@@ -24,10 +26,20 @@ def imitation_error(
         `absolute_error`, averaged over the features as fractions of their ranges, since
         their units differ.
     """
-    mode = distribution.mode()
-    match distribution:
-        case Categorical():
+    mode = policy.mode()
+    match policy:
+        case Categorical() | ActionValues():
             return {"accuracy": (mode == action).astype(jnp.float32)}
         case TanhMixture(bounds=bounds):
             span = jnp.array(bounds.high) - jnp.array(bounds.low)
             return {"absolute_error": jnp.mean(jnp.abs(mode - action) / span)}
+
+
+def surprise(policy: Distribution | ActionValues, action: Action) -> Float[Array, ""]:
+    """Returns how unlikely an action is, -log p(a) [nats].
+
+    Values of actions are no distribution; theirs counts as softmax over them.
+    """
+    if isinstance(policy, ActionValues):
+        return -Categorical(logits=policy.values).log_prob(action)
+    return -policy.log_prob(action)

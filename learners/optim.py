@@ -2,12 +2,21 @@
 
 import dataclasses
 import math
+from collections.abc import Callable
+from typing import Any
 
+import jax
 import jax.numpy as jnp
 import optax
+from jaxtyping import Array
 
 from ..agents.base import Params
-from .base import Metrics, TrainState
+from . import strata
+from .base import Metrics, TrainState, one
+
+# Of the parameters and whatever else: means over the device's share, among them `loss`,
+# and what else is wanted of it.
+Loss = Callable[..., tuple[Metrics, Any]]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -73,26 +82,58 @@ def adam(config: OptimizerConfig) -> Optimizer:
 
 
 def descend(
-    optimizer: Optimizer, train_state: TrainState, gradients: Params
-) -> tuple[TrainState, Metrics]:
-    """Takes one step against gradients that are already those of the whole batch.
+    optimizer: Optimizer,
+    train_state: TrainState,
+    axis_name: str,
+    loss: Loss,
+    *arguments: Any,
+) -> tuple[TrainState, Metrics, Any]:
+    """Takes one step down the loss over the shares of all devices together.
+
+    The loss is the quotient of its sums over all devices, so a device with more weight
+    counts more.
+
+    Args:
+        optimizer: takes the step.
+        train_state: before it.
+        axis_name: of the devices.
+        loss: of the parameters and the arguments.
+        *arguments: this device's.
 
     Returns:
-        The train state with new parameters and one more step, and the metrics
-        `gradient_norm` (before clipping) and `learning_rate`.
+        The train state with new parameters and one more step, the metrics of the loss
+        with those of the step, `gradient_norm` (before clipping, and that of each part
+        of the parameters) and `learning_rate`, and what else the loss returns.
     """
+
+    def total(params: Params) -> tuple[Array, tuple[Metrics, Any]]:
+        metrics, extra = loss(params, *arguments)
+        return metrics["loss"].total, (metrics, extra)
+
+    # Parameters marked as each device's own get that device's own gradient; without
+    # the mark jax.grad would sum over devices, and the sum below would count twice.
+    params = strata.own(train_state.params, axis_name)
+    gradients, (metrics, extra) = jax.grad(total, has_aux=True)(params)
+    gradients, metrics = jax.lax.psum((gradients, metrics), axis_name)
+    weight = metrics["loss"].weight
+    divisor = jnp.where(weight > 0, weight, 1.0)
+    gradients = jax.tree.map(lambda leaf: leaf / divisor, gradients)
+
     updates, opt_state = optimizer.transformation.update(
         gradients, train_state.opt_state, train_state.params
     )
-    metrics = {
-        "gradient_norm": optax.tree.norm(gradients),
-        "learning_rate": jnp.asarray(
-            optimizer.learning_rate(train_state.step), jnp.float32
-        ),
-    }
     moved = train_state.replace(
         params=optax.apply_updates(train_state.params, updates),
         opt_state=opt_state,
         step=train_state.step + 1,
     )
-    return moved, metrics
+    rate = optimizer.learning_rate(train_state.step)
+    return moved, metrics | _norms(gradients) | {"learning_rate": one(rate)}, extra
+
+
+def _norms(gradients: Params) -> Metrics:
+    norms = {"gradient_norm": one(optax.tree.norm(gradients))}
+    if isinstance(gradients, dict):
+        for part, leaves in sorted(gradients.items()):
+            norms[f"gradient_norm/{part}"] = one(optax.tree.norm(leaves))
+    return norms

@@ -1,6 +1,7 @@
 """Compiles what runs on a mesh: the one place that shards and donates."""
 
 from collections.abc import Callable
+from typing import Any
 
 import jax
 from jax.sharding import Mesh, PartitionSpec
@@ -11,10 +12,37 @@ from .base import Bank, Learner, Metrics, TrainState
 
 Program = Callable[[TrainState, Bank], tuple[TrainState, Metrics]]
 
+EVERYWHERE, BY_DEVICE = PartitionSpec(), PartitionSpec(meshes.AXIS)
+# Of a train state: only its worlds differ from device to device.
+STATE: Any = TrainState(
+    params=EVERYWHERE,
+    opt_state=EVERYWHERE,
+    step=EVERYWHERE,  # pyright: ignore[reportArgumentType]  (a spec for each array)
+    key=EVERYWHERE,  # pyright: ignore[reportArgumentType]
+    kept=EVERYWHERE,
+    worlds=BY_DEVICE,
+)
 
-def initial_state(learner: Learner, mesh: Mesh, key: Key[Array, ""]) -> TrainState:
-    """Makes the state before the first update, a copy on each device."""
-    return meshes.replicate(mesh, jax.jit(learner.init)(key))
+
+def initial_state(
+    learner: Learner, mesh: Mesh, key: Key[Array, "*seeds"], bank: Bank
+) -> TrainState:
+    """Makes the state before the first update.
+
+    Args:
+        learner: whose state.
+        mesh: the devices.
+        key: of all that is random; several for a learner of several seeds.
+        bank: every leaf sharded along a leading axis of devices.
+    """
+
+    def init(key: Key[Array, "*seeds"], bank: Bank) -> TrainState:
+        return learner.init(key, _local(bank), meshes.AXIS)
+
+    sharded = jax.shard_map(
+        init, mesh=mesh, in_specs=(EVERYWHERE, BY_DEVICE), out_specs=STATE
+    )
+    return jax.jit(sharded)(meshes.replicate(mesh, key), bank)
 
 
 def compile_program(learner: Learner, mesh: Mesh, updates_per_call: int) -> Program:
@@ -26,9 +54,9 @@ def compile_program(learner: Learner, mesh: Mesh, updates_per_call: int) -> Prog
         updates_per_call: how many updates one call makes, with no host in between.
 
     Returns:
-        A function of the train state (a copy on each device; donated, so the argument
-        is gone after the call) and the bank (every leaf sharded along a leading axis of
-        devices). It returns the new train state and the mean metrics of its updates.
+        A function of the train state (donated, so the argument is gone after the call)
+        and the bank (every leaf sharded along a leading axis of devices). It returns
+        the new train state and the metrics of each of its updates, stacked.
 
     Raises:
         ValueError: if there is no update in a call.
@@ -39,24 +67,21 @@ def compile_program(learner: Learner, mesh: Mesh, updates_per_call: int) -> Prog
         )
 
     def run(train_state: TrainState, bank: Bank) -> tuple[TrainState, Metrics]:
-        local_bank = jax.tree.map(lambda leaf: leaf[0], bank)
+        local_bank = _local(bank)
 
         def update(train_state: TrainState, _: None) -> tuple[TrainState, Metrics]:
             return learner.update(train_state, local_bank, meshes.AXIS)
 
-        train_state, metrics = jax.lax.scan(
-            update, train_state, length=updates_per_call
-        )
-        return train_state, {name: values.mean() for name, values in metrics.items()}
+        return jax.lax.scan(update, train_state, length=updates_per_call)
 
-    everywhere, by_device = PartitionSpec(), PartitionSpec(meshes.AXIS)
     sharded = jax.shard_map(
-        run,
-        mesh=mesh,
-        in_specs=(everywhere, by_device),
-        out_specs=(everywhere, everywhere),
+        run, mesh=mesh, in_specs=(STATE, BY_DEVICE), out_specs=(STATE, EVERYWHERE)
     )
     return jax.jit(sharded, donate_argnums=0)
+
+
+def _local(bank: Bank) -> Bank:
+    return jax.tree.map(lambda leaf: leaf[0], bank)
 
 
 def compile_replacement() -> Callable[[Bank, Bank, Array], Bank]:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from ..data.bank import Bank
+from ..data.stratum import Stratum
 from ..dynamics.base import Action, Dynamics
 from ..goals import logged_goal
 from ..metrics.build import EGO
@@ -24,20 +25,20 @@ class Demonstration(Record):
     weight: Float[Array, ""]  # 0 where the log lacks the ego before or after the step
 
 
-Sample = Callable[[Bank, PRNGKeyArray], Demonstration]
+Sample = Callable[[Bank, Stratum, PRNGKeyArray], Demonstration]
 
 
 def demonstrations(dynamics: Dynamics, observer: Observer) -> Sample:
     """Builds the function that draws one demonstration of a bank.
 
-    A scenario and a simulated step are drawn uniformly; the observation is that of the
-    log, the action the inverse dynamics between two logged motions.
+    A scenario of the stratum and a simulated step are drawn uniformly; the observation
+    is that of the log, the action the inverse dynamics between two logged motions.
     """
     history = observer.history
 
-    def sample(bank: Bank, key: PRNGKeyArray) -> Demonstration:
+    def sample(bank: Bank, stratum: Stratum, key: PRNGKeyArray) -> Demonstration:
         scenario_key, step_key, view_key = jax.random.split(key, 3)
-        index = jax.random.randint(scenario_key, (), 0, bank.num_scenarios)
+        index = stratum.draw(bank, scenario_key)
         scene = Scene(bank=bank, index=index)
         step = jax.random.randint(step_key, (), scene.current_step, scene.num_steps - 1)
         seen = jax.vmap(scene.log_at)(step - history + jnp.arange(history + 1))

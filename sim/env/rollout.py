@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from ..data.bank import Bank
+from ..data.stratum import Stratum
 from ..metrics.base import Measure
 from ..motion import Motion
 from ..records import Record
@@ -71,22 +72,12 @@ def play(
     return steps
 
 
-def step_or_reset(
-    env: Environment, bank: Bank, state: State, timestep: Timestep, key: PRNGKeyArray
-) -> State:
-    """Returns the state, or a fresh one in a random scenario where the episode ended.
+def has_ended(timestep: Timestep) -> Bool[Array, ""]:
+    """Tells whether an episode ended: with its log, or with nobody left to act."""
+    return timestep.truncated | jnp.all(timestep.terminated)
 
-    An episode ends with its log, or where nobody is left to act.
 
-    Args:
-        env: the environment.
-        bank: its scenarios.
-        state: after the step that gave `timestep`.
-        timestep: tells whether the episode ended.
-        key: chooses the next scenario.
-    """
-    ended = timestep.truncated | jnp.all(timestep.terminated)
+def begin(env: Environment, bank: Bank, stratum: Stratum, key: PRNGKeyArray) -> State:
+    """Returns a world at the start of an episode in a random scenario of a stratum."""
     index_key, reset_key = jax.random.split(key)
-    index = jax.random.randint(index_key, (), 0, bank.num_scenarios)
-    fresh = env.reset(bank, index, reset_key)
-    return jax.tree.map(lambda new, old: jnp.where(ended, new, old), fresh, state)
+    return env.reset(bank, stratum.draw(bank, index_key), reset_key)

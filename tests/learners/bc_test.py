@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from drivetrain.agents.base import Agent
-from drivetrain.agents.distributions import Categorical
 from drivetrain.learners import bc, mesh as meshes, optim, program
 from drivetrain.learners.base import Learner
+from drivetrain.sim.data.stratum import Stratum
 from drivetrain.sim.dynamics.base import Continuous
 from drivetrain.sim.observations.base import Observation, TokenGroup
 from tests.learners import toy
@@ -15,18 +15,19 @@ from tests.learners import toy
 FAST = optim.OptimizerConfig(learning_rate=3e-3, warmup_updates=20)
 
 
-def train(learner: Learner, num_calls: int) -> dict[str, jax.Array]:
+def train(learner: Learner, num_calls: int) -> dict[str, float]:
     mesh = meshes.data_mesh()
     run = program.compile_program(learner, mesh, updates_per_call=100)
-    train_state = program.initial_state(learner, mesh, jax.random.key(0))
     bank = meshes.shard(mesh, toy.bank(mesh.size))
+    train_state = program.initial_state(learner, mesh, jax.random.key(0), bank)
     for _ in range(num_calls):
         train_state, metrics = run(train_state, bank)
-    return metrics
+    return {name: float(m.total.sum() / m.weight.sum()) for name, m in metrics.items()}
 
 
 def cloning(sample: bc.Sample, agent: Agent) -> Learner:
-    return bc.behavior_cloning(agent, sample, optim.adam(FAST), batch_size=64)
+    config = bc.CloningConfig(batch_size=64)
+    return bc.behavior_cloning(agent, sample, optim.adam(FAST), config)
 
 
 def test_it_learns_a_sign_among_masked_distractors() -> None:
@@ -55,17 +56,21 @@ def test_it_learns_two_modes_of_a_continuous_action() -> None:
 
 
 def test_demonstrations_of_no_weight_change_nothing() -> None:
-    def sample(bank: dict[str, jax.Array], key: jax.Array) -> bc.Demonstration:
-        return toy.sampler(toy.sign)(bank, key).replace(weight=jnp.zeros(()))
+    def sample(
+        bank: dict[str, jax.Array], stratum: Stratum, key: jax.Array
+    ) -> bc.Demonstration:
+        drawn = toy.sampler(toy.sign)(bank, stratum, key)
+        return drawn.replace(weight=jnp.zeros(()))
 
     learner = cloning(sample, toy.linear_agent())
     mesh = meshes.data_mesh()
-    before = program.initial_state(learner, mesh, jax.random.key(0))
+    bank = meshes.shard(mesh, toy.bank(mesh.size))
+    before = program.initial_state(learner, mesh, jax.random.key(0), bank)
     kept = jax.tree.map(np.asarray, before.params)
     run = program.compile_program(learner, mesh, updates_per_call=3)
-    after, metrics = run(before, meshes.shard(mesh, toy.bank(mesh.size)))
+    after, metrics = run(before, bank)
     jax.tree.map(np.testing.assert_array_equal, after.params, kept)
-    assert metrics["total_weight"] == 0
+    assert (metrics["loss"].weight == 0).all()
 
 
 def test_each_update_draws_anew() -> None:
@@ -73,18 +78,17 @@ def test_each_update_draws_anew() -> None:
         observation={}, action=jnp.zeros((), jnp.int32), weight=jnp.zeros(())
     )
 
-    def sample(bank: dict[str, jax.Array], key: jax.Array) -> bc.Demonstration:
+    def sample(
+        bank: dict[str, jax.Array], stratum: Stratum, key: jax.Array
+    ) -> bc.Demonstration:
         return drawn.replace(weight=jax.random.uniform(key))
 
-    indifferent = Agent(
-        init=lambda key: jnp.zeros(2),
-        distribution=lambda params, observation: Categorical(logits=params),
-    )
+    indifferent = toy.softmax(lambda key: jnp.zeros(2), lambda params, _: params)
     learner = cloning(sample, indifferent)
     mesh = meshes.data_mesh()
     run = program.compile_program(learner, mesh, updates_per_call=1)
-    state = program.initial_state(learner, mesh, jax.random.key(0))
     bank = meshes.shard(mesh, toy.bank(mesh.size))
+    state = program.initial_state(learner, mesh, jax.random.key(0), bank)
     state, first = run(state, bank)
     _, second = run(state, bank)
-    assert first["total_weight"] != second["total_weight"]
+    assert first["loss"].weight[0] != second["loss"].weight[0]

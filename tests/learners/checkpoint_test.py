@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from drivetrain.learners import checkpoint, mesh as meshes, optim, program
-from drivetrain.learners.bc import behavior_cloning
+from drivetrain.learners.bc import CloningConfig, behavior_cloning
 from drivetrain.learners.checkpoint import Checkpoints
 from tests.learners import toy
 
@@ -180,14 +180,15 @@ def test_a_kill_while_saving_leaves_no_wrong_step(tmp_path: pathlib.Path) -> Non
 def test_a_resumed_run_equals_one_that_was_not_cut(tmp_path: pathlib.Path) -> None:
     optimizer = optim.adam(optim.OptimizerConfig(warmup_updates=5, decay_updates=50))
     sample = toy.sampler(toy.sign)
-    learner = behavior_cloning(toy.linear_agent(), sample, optimizer, batch_size=8)
+    config = CloningConfig(batch_size=8)
+    learner = behavior_cloning(toy.linear_agent(), sample, optimizer, config)
     mesh = meshes.data_mesh()
     bank = meshes.shard(mesh, toy.bank(mesh.size))
     run = program.compile_program(learner, mesh, updates_per_call=10)
 
-    state, _ = run(program.initial_state(learner, mesh, jax.random.key(0)), bank)
+    state, _ = run(program.initial_state(learner, mesh, jax.random.key(0), bank), bank)
     Checkpoints(tmp_path).save(10, state, {})
     uncut, _ = run(state, bank)
-    fresh = program.initial_state(learner, mesh, jax.random.key(1))
+    fresh = program.initial_state(learner, mesh, jax.random.key(1), bank)
     resumed, _ = run(Checkpoints(tmp_path).restore(fresh).tree, bank)
     assert_same(resumed, uncut)

@@ -12,7 +12,8 @@ ROUNDING = 1e-6  # float32, values of order one
 
 def test_values_of_no_weight_do_not_count_even_when_not_finite() -> None:
     values = jnp.array([1.0, jnp.inf, 3.0])
-    assert losses.weighted_sum(values, jnp.array([2.0, 0.0, 0.5])) == 3.5
+    mean = losses.weighted(values, jnp.array([2.0, 0.0, 0.5]))
+    assert (mean.total, mean.weight) == (3.5, 2.5)
 
 
 def test_numbered_actions_are_right_or_wrong() -> None:

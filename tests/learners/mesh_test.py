@@ -9,15 +9,16 @@ import sys
 import numpy as np
 import pytest
 
+ROOT = pathlib.Path(__file__).resolve().parents[2]
 ROUNDING = 1e-6  # float32 means of a few numbers of order one
 
 
 @pytest.fixture(name="results", scope="module")
 def fixture_results() -> dict:
-    script = pathlib.Path(__file__).with_name("four_devices.py")
     flags = "--xla_force_host_platform_device_count=4"
     finished = subprocess.run(
-        [sys.executable, str(script)],
+        [sys.executable, "-m", "tests.learners.four_devices"],
+        cwd=ROOT,
         env=os.environ | {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"},
         capture_output=True,
         text=True,

@@ -5,9 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from drivetrain.learners import optim
-from drivetrain.learners.base import TrainState
+from drivetrain.learners import mesh as meshes, optim
+from drivetrain.learners.base import Metrics, TrainState, one
 from drivetrain.learners.optim import OptimizerConfig
+from drivetrain.learners.program import EVERYWHERE
 
 ROUNDING = 1e-6  # relative, of float32
 CORRECTION = 2e-5  # relative: Adam divides by 1 - 0.999, three digits fewer
@@ -49,9 +50,22 @@ def test_the_first_step_of_adam_is_the_rate_against_the_sign() -> None:
         step=jnp.zeros((), jnp.int32),
         key=jax.random.key(0),
     )
-    after, metrics = optim.descend(optimizer, before, {"w": jnp.array([3.0, -4.0])})
+
+    def loss(params: dict[str, jax.Array], slope: jax.Array) -> tuple[Metrics, None]:
+        return {"loss": one(params["w"] @ slope)}, None
+
+    def step(before: TrainState) -> tuple[TrainState, Metrics]:
+        slope = jnp.array([3.0, -4.0])
+        after, metrics, _ = optim.descend(optimizer, before, meshes.AXIS, loss, slope)
+        return after, metrics
+
+    on_one = jax.shard_map(
+        step, mesh=meshes.data_mesh(), in_specs=EVERYWHERE, out_specs=EVERYWHERE
+    )
+    after, metrics = jax.jit(on_one)(before)
     np.testing.assert_allclose(after.params["w"], [0.5, 2.5], rtol=CORRECTION)
-    np.testing.assert_allclose(metrics["gradient_norm"], 5.0, rtol=ROUNDING)
+    np.testing.assert_allclose(metrics["gradient_norm"].total, 5.0, rtol=ROUNDING)
+    np.testing.assert_allclose(metrics["gradient_norm/w"].total, 5.0, rtol=ROUNDING)
     assert after.step == 1
 
 

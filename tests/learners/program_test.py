@@ -6,22 +6,21 @@ import numpy as np
 import pytest
 
 from drivetrain.learners import mesh as meshes, optim, program
-from drivetrain.learners.base import Bank, Learner, Metrics, TrainState
-from drivetrain.learners.bc import behavior_cloning
+from drivetrain.learners.base import Bank, Learner, Metrics, TrainState, one
+from drivetrain.learners.bc import CloningConfig, behavior_cloning
 from tests.learners import toy
 
 
 def cloning() -> Learner:
     optimizer = optim.adam(optim.OptimizerConfig())
-    return behavior_cloning(
-        toy.linear_agent(), toy.sampler(toy.sign), optimizer, batch_size=4
-    )
+    sample, config = toy.sampler(toy.sign), CloningConfig(batch_size=8)
+    return behavior_cloning(toy.linear_agent(), sample, optimizer, config)
 
 
 def counting_learner(traces: list[None]) -> Learner:
     """Adds the bank's first value to its parameter at each update."""
 
-    def init(key: jax.Array) -> TrainState:
+    def init(key: jax.Array, bank: Bank, axis_name: str) -> TrainState:
         step = jnp.zeros((), jnp.int32)
         return TrainState(params=jnp.zeros(()), opt_state=(), step=step, key=key)
 
@@ -31,20 +30,20 @@ def counting_learner(traces: list[None]) -> Learner:
         traces.append(None)
         params = train_state.params + jax.lax.psum(bank["value"], axis_name)
         moved = train_state.replace(params=params, step=train_state.step + 1)
-        return moved, {"step": train_state.step.astype(jnp.float32)}
+        return moved, {"step": one(train_state.step)}
 
     return Learner(init=init, update=update)
 
 
-def test_a_call_makes_all_its_updates_and_averages_their_metrics() -> None:
+def test_a_call_makes_all_its_updates_and_shows_the_metrics_of_each() -> None:
     mesh = meshes.data_mesh()
     learner = counting_learner([])
     run = program.compile_program(learner, mesh, updates_per_call=5)
-    state = program.initial_state(learner, mesh, jax.random.key(0))
     bank = meshes.shard(mesh, {"value": np.full(mesh.size, 2.0, np.float32)})
+    state = program.initial_state(learner, mesh, jax.random.key(0), bank)
     state, metrics = run(state, bank)
     assert (state.step, state.params) == (5, 10 * mesh.size)
-    assert metrics["step"] == 2
+    np.testing.assert_array_equal(metrics["step"].total, np.arange(5))
 
 
 def test_many_calls_are_traced_and_compiled_once() -> None:
@@ -52,8 +51,8 @@ def test_many_calls_are_traced_and_compiled_once() -> None:
     mesh = meshes.data_mesh()
     learner = counting_learner(traces)
     run = program.compile_program(learner, mesh, updates_per_call=3)
-    state = program.initial_state(learner, mesh, jax.random.key(0))
     bank = meshes.shard(mesh, {"value": np.ones(mesh.size, np.float32)})
+    state = program.initial_state(learner, mesh, jax.random.key(0), bank)
     state, _ = run(state, bank)
     for _ in range(4):
         state, _ = run(state, bank)
@@ -65,9 +64,9 @@ def test_updates_need_nothing_from_the_host() -> None:
     mesh = meshes.data_mesh()
     learner = cloning()
     run = program.compile_program(learner, mesh, updates_per_call=2)
-    state = program.initial_state(learner, mesh, jax.random.key(0))
     on_host = toy.bank(mesh.size)
     bank = meshes.shard(mesh, on_host)
+    state = program.initial_state(learner, mesh, jax.random.key(0), bank)
     state, _ = run(state, bank)
     with jax.transfer_guard("disallow"):
         state, _ = run(state, bank)
@@ -80,8 +79,9 @@ def test_the_state_given_is_donated() -> None:
     mesh = meshes.data_mesh()
     learner = cloning()
     run = program.compile_program(learner, mesh, updates_per_call=1)
-    state = program.initial_state(learner, mesh, jax.random.key(0))
-    run(state, meshes.shard(mesh, toy.bank(mesh.size)))
+    bank = meshes.shard(mesh, toy.bank(mesh.size))
+    state = program.initial_state(learner, mesh, jax.random.key(0), bank)
+    run(state, bank)
     assert all(leaf.is_deleted() for leaf in jax.tree.leaves(state.params))
 
 

@@ -6,10 +6,11 @@ import jax
 import jax.numpy as jnp
 
 from drivetrain.agents import build as agents
-from drivetrain.agents.base import Agent
+from drivetrain.agents.base import Agent, Memory, Output
 from drivetrain.agents.distributions import Categorical
+from drivetrain.sim.data.stratum import Stratum
 from drivetrain.sim.dynamics.base import ActionSpec, Discrete
-from drivetrain.sim.env.demonstrations import Demonstration
+from drivetrain.sim.env.demonstrations import Demonstration, Sample
 from drivetrain.sim.observations.base import Observation, TokenGroup
 
 NUM_TOKENS, NUM_STEPS, NUM_FEATURES = 6, 4, 2
@@ -38,10 +39,13 @@ def first_token(values: jax.Array) -> Observation:
 
 def sampler(
     act: Callable[[jax.Array], jax.Array], see: Callable = first_token
-) -> Callable[[dict[str, jax.Array], jax.Array], Demonstration]:
+) -> Sample:
     """Makes a `sample` whose expert does `act(values)` on seeing `see(values)`."""
 
-    def sample(bank: dict[str, jax.Array], key: jax.Array) -> Demonstration:
+    def sample(
+        bank: dict[str, jax.Array], stratum: Stratum, key: jax.Array
+    ) -> Demonstration:
+        del stratum
         values = bank["tokens"][jax.random.randint(key, (), 0, len(bank["tokens"]))]
         return Demonstration(
             observation=see(values), action=act(values), weight=jnp.ones(())
@@ -65,12 +69,21 @@ def linear_agent() -> Agent:
     """Builds an agent that compiles at once: logits linear in what is present."""
     num_values = NUM_TOKENS * NUM_STEPS * NUM_FEATURES
 
-    def distribution(params: jax.Array, observation: Observation) -> Categorical:
+    def logits(params: jax.Array, observation: Observation) -> jax.Array:
         group = observation["objects"]
         present = jnp.where(group.mask[..., None], group.values, 0.0)
-        return Categorical(logits=present.reshape(-1) @ params)
+        return present.reshape(-1) @ params
 
-    return Agent(
-        init=lambda key: jax.random.normal(key, (num_values, 2)),
-        distribution=distribution,
-    )
+    return softmax(lambda key: jax.random.normal(key, (num_values, 2)), logits)
+
+
+def softmax(init: Callable, logits: Callable) -> Agent:
+    """Builds an agent without memory from its logits of parameters and observation."""
+
+    def step(
+        params: jax.Array, memory: Memory, observation: Observation
+    ) -> tuple[Memory, Output]:
+        policy = Categorical(logits=logits(params, observation))
+        return memory, Output(policy=policy, value=jnp.zeros(()))
+
+    return Agent(init=init, memory=lambda: (), step=step)

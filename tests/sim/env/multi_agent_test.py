@@ -14,7 +14,7 @@ from drivetrain.sim.dynamics import build as dynamics
 from drivetrain.sim.env import controlled, drivers
 from drivetrain.sim.env.base import Environment, State, Team, Timestep
 from drivetrain.sim.env.multi_agent import MultiAgentConfig, multi_agent
-from drivetrain.sim.env.rollout import Rollout, rollout, step_or_reset
+from drivetrain.sim.env.rollout import Rollout, has_ended, rollout
 from drivetrain.sim.metrics import aggregate
 from drivetrain.sim.metrics.build import METRICS
 from drivetrain.sim.motion import Motion
@@ -242,18 +242,16 @@ def test_nobody_collides_with_the_removed(removes: bool) -> None:
     assert bool(collision.value[1, 1]) is not removes
 
 
-def test_a_world_without_anybody_left_starts_again() -> None:
+def test_an_episode_without_anybody_left_has_ended() -> None:
     bank = worlds.bank("generated")
     team = Team(dynamics.build("delta_global"), controlled.ego)
     env = env_of((team,), remove_at=("offroad",))
     state = env.reset(bank, jnp.int32(BUSY), jax.random.key(0))
-    for leap, first in ((0.0, 11), (900.0, 10)):
-        following, timestep = jax.jit(env.step)(
+    for leap, ends in ((0.0, False), (900.0, True)):
+        _, timestep = jax.jit(env.step)(
             bank, state, (jnp.full((NUM_OBJECTS, 3), leap),)
         )
-        key = jax.random.key(1)
-        fresh = step_or_reset(env, bank, following, timestep, key)
-        assert int(fresh.step) == first
+        assert bool(has_ended(timestep)) is ends
 
 
 @functools.cache

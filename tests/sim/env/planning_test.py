@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from drivetrain.sim import rewards
+from drivetrain.sim.data.stratum import whole
 from drivetrain.sim.dynamics import build as dynamics
 from drivetrain.sim.env import drivers
 from drivetrain.sim.env.base import Environment
 from drivetrain.sim.env.planning import planning
-from drivetrain.sim.env.rollout import Rollout, rollout, step_or_reset
+from drivetrain.sim.env.rollout import Rollout, begin, has_ended, rollout
 from drivetrain.sim.observations.vector import VectorConfig, vector
 from drivetrain.sim.sim_agents import build as sim_agents
 from tests import worlds
@@ -120,16 +121,15 @@ def test_history_shifts_by_one_step() -> None:
     np.testing.assert_array_equal(following.history.xyz[-1], state.motion.xyz)
 
 
-def test_a_finished_world_starts_again_elsewhere_and_others_go_on() -> None:
+def test_episodes_end_with_the_log_and_begin_anywhere() -> None:
     env, bank = env_of("delta"), worlds.bank("generated")
     state = env.reset(bank, jnp.int32(0), jax.random.key(0)).replace(step=jnp.int32(60))
     state, timestep = jax.jit(env.step)(bank, state, jnp.zeros(3))
-    on = step_or_reset(env, bank, state, timestep, jax.random.key(0))
-    assert int(on.step) == 61 and int(on.index) == 0
-    ended = timestep.replace(truncated=jnp.array(True))
+    assert not has_ended(timestep)
+    assert has_ended(timestep.replace(truncated=jnp.array(True)))
     indices = set()
     for seed in range(20):
-        fresh = step_or_reset(env, bank, state, ended, jax.random.key(seed))
+        fresh = begin(env, bank, whole(), jax.random.key(seed))
         assert int(fresh.step) == 10
         indices.add(int(fresh.index))
     assert len(indices) > 3
