@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import math
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +20,7 @@ ACTIVATIONS = {"tanh": jnp.tanh, "relu": jax.nn.relu}
 class FlatConfig:
     """The size of the encoder; Nocturne's imitation has relu and (1025, 256, 128)."""
 
+    name: Literal["flat"] = "flat"
     widths: tuple[int, ...] = (256, 256)  # of the layers
     activation: str = "tanh"
     scale: float = 10.0  # observations are divided by it

@@ -1,6 +1,7 @@
 """Encodes an observation as a member of the Wayformer family does."""
 
 import dataclasses
+from typing import Literal
 
 import jax.numpy as jnp
 from flax import nnx
@@ -20,6 +21,7 @@ DTYPES = ("float32", "bfloat16")
 class WayformerConfig:
     """The kind of encoder and its size."""
 
+    name: Literal["wayformer"] = "wayformer"
     width: int = 64
     num_heads: int = 4
     num_layers: int = 2  # of self-attention on the way from a token to the output

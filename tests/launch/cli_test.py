@@ -14,7 +14,9 @@ data: synthetic:0:4
 max_objects: 12
 observation:
   {name: vector, history: 1, num_objects: 2, num_road: 4, num_lights: 1, num_route: 2}
-agent: {width: 8, num_heads: 2, num_layers: 1, num_latents: 2, hidden_width: 8}
+agent:
+  encoder: {name: wayformer, width: 8, num_heads: 2, num_layers: 1, num_latents: 2}
+  hidden_width: 8
 learner: {name: bc, batch_size: 8, learning_rate: 1e-3}
 updates: 4
 updates_per_call: 2
