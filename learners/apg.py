@@ -41,6 +41,11 @@ class AnalyticConfig(optim.OptimizerConfig):
                 f"steps_per_update must be at least 1, got {self.steps_per_update}."
             )
 
+    @property
+    def num_steps(self) -> int:
+        """How many steps of worlds an update plays."""
+        return self.num_worlds * self.steps_per_update
+
 
 def analytic_policy_gradient(
     env: Environment, agent: Agent, optimizer: optim.Optimizer, config: AnalyticConfig

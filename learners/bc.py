@@ -30,6 +30,11 @@ class CloningConfig(optim.OptimizerConfig):
         super().__post_init__()
         strata.check(self.strata, batch_size=self.batch_size)
 
+    @property
+    def num_steps(self) -> int:
+        """How many demonstrations an update sees."""
+        return self.batch_size
+
 
 def behavior_cloning(
     agent: Agent, sample: Sample, optimizer: optim.Optimizer, config: CloningConfig

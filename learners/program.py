@@ -8,7 +8,7 @@ from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Key
 
 from . import mesh as meshes
-from .base import Bank, Learner, Metrics, TrainState
+from .base import Bank, Experience, Learner, Metrics, TrainState
 
 Program = Callable[[TrainState, Bank], tuple[TrainState, Metrics]]
 
@@ -78,6 +78,51 @@ def compile_program(learner: Learner, mesh: Mesh, updates_per_call: int) -> Prog
         run, mesh=mesh, in_specs=(STATE, BY_DEVICE), out_specs=(STATE, EVERYWHERE)
     )
     return jax.jit(sharded, donate_argnums=0)
+
+
+def compile_halves(
+    learner: Learner, mesh: Mesh, updates_per_call: int
+) -> tuple[Program, Callable[[TrainState, Bank, Experience], TrainState]]:
+    """Compiles acting without learning, and learning without acting.
+
+    They are there to be measured: what one costs with the other left out.
+
+    Returns:
+        A function of train state and bank that acts as often as `updates_per_call`
+        says; it returns the train state and the last experience. And one of both and an
+        experience that learns from it as often; it returns the train state. Both donate
+        the train state.
+    """
+
+    def act(train_state: TrainState, bank: Bank) -> tuple[TrainState, Experience]:
+        local_bank = _local(bank)
+
+        def once(carry, _: None):
+            return learner.act(carry[0], local_bank, meshes.AXIS), None
+
+        # The first one stands for all: each next writes over what it gave.
+        first = learner.act(train_state, local_bank, meshes.AXIS)
+        (state, last), _ = jax.lax.scan(once, first, length=updates_per_call - 1)
+        return state, jax.tree.map(lambda leaf: leaf[None], last)
+
+    def learn(
+        train_state: TrainState, bank: Bank, experience: Experience
+    ) -> TrainState:
+        local_bank, experience = _local(bank), _local(experience)
+
+        def once(train_state: TrainState, _: None) -> tuple[TrainState, None]:
+            learned = learner.learn(train_state, experience, local_bank, meshes.AXIS)
+            return learned[0], None
+
+        return jax.lax.scan(once, train_state, length=updates_per_call)[0]
+
+    acting = jax.shard_map(
+        act, mesh=mesh, in_specs=(STATE, BY_DEVICE), out_specs=(STATE, BY_DEVICE)
+    )
+    learning = jax.shard_map(
+        learn, mesh=mesh, in_specs=(STATE, BY_DEVICE, BY_DEVICE), out_specs=STATE
+    )
+    return jax.jit(acting, donate_argnums=0), jax.jit(learning, donate_argnums=0)
 
 
 def _local(bank: Bank) -> Bank:
