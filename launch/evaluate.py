@@ -13,9 +13,9 @@ from rich import console as rich_console
 from ..learners import acting, checkpoint, mesh as meshes
 from ..learners.evaluator import compile_evaluator, figures
 from ..sim.dynamics import build as dynamics
-from ..sim.env import drivers
+from ..sim.env import build as tasks, drivers
 from ..sim.env.base import Driver, Environment
-from ..sim.observations.vector import VectorConfig
+from ..sim.observations.vector import VectorConfig, vector
 from . import actions, tables
 from .actions import RECORDED, Record
 from .banks import Loaded
@@ -92,7 +92,7 @@ def rule(name: str, dynamics_name: str, sim_agent: str) -> Player:
         ValueError: if a name is unknown.
     """
     driver = drivers.build(name, dynamics.build(dynamics_name))
-    env = environment(SIMPLE, dynamics_name, sim_agent)
+    env = _simple(dynamics_name, sim_agent)
     return Player(
         name=name,
         sim_agent=sim_agent,
@@ -101,6 +101,12 @@ def rule(name: str, dynamics_name: str, sim_agent: str) -> Player:
         driver_of=lambda params, number: driver,
         params=(),
     )
+
+
+def _simple(dynamics_name: str, sim_agent: str) -> Environment:
+    """Builds a task for those who look at nothing."""
+    task = tasks.PlanningConfig(sim_agent=sim_agent)
+    return tasks.build(task, dynamics.build(dynamics_name), vector(SIMPLE))
 
 
 def trained(folder: pathlib.Path, sim_agent: str, loaded: Loaded) -> Player:
@@ -116,7 +122,7 @@ def trained(folder: pathlib.Path, sim_agent: str, loaded: Loaded) -> Player:
         ValueError: if a name is unknown or the checkpoint does not fit the config.
     """
     experiment = load_run(folder)
-    env = environment(experiment.observation, experiment.dynamics, sim_agent)
+    env = environment(experiment, sim_agent)
     made = agent(experiment, env, loaded.one_shard)
     mesh = meshes.data_mesh()
     like = meshes.replicate(mesh, jax.jit(made.init)(jax.random.key(0)))
@@ -172,7 +178,7 @@ def replayed(
         name=RECORDED,
         sim_agent=sim_agent,
         dynamics=record.dynamics,
-        env=environment(SIMPLE, record.dynamics, sim_agent),
+        env=_simple(record.dynamics, sim_agent),
         driver_of=actions.driver_of,
         params=meshes.replicate(meshes.data_mesh(), record.actions),
     )

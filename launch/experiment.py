@@ -8,20 +8,20 @@ import jax.numpy as jnp
 
 from ..agents import build as agents
 from ..agents.base import Agent
-from ..learners import build as learners
+from ..learners import acting, build as learners
 from ..learners.base import Learner
 from ..learners.bc import CloningConfig
-from ..sim import rewards
 from ..sim.data import loader
 from ..sim.data.bank import Bank
 from ..sim.data.loader import Split
 from ..sim.data.query import EVERYTHING, Query
 from ..sim.data.stream import StreamConfig
 from ..sim.dynamics import build as dynamics
+from ..sim.env import build as tasks
 from ..sim.env.base import Environment
 from ..sim.env.demonstrations import demonstrations
-from ..sim.env.planning import planning
-from ..sim.observations.vector import VectorConfig, vector
+from ..sim.observations import build as observations
+from ..sim.observations.vector import VectorConfig
 from ..sim.sim_agents import build as sim_agents
 
 
@@ -36,8 +36,9 @@ class Experiment:
     max_scenarios: int | None = None
     stream: StreamConfig = field(default_factory=StreamConfig)
     max_objects: int = 128  # of a scenario, those that matter most to the ego
-    dynamics: str = "bicycle_discrete"  # of the ego: the action space
-    observation: VectorConfig = field(default_factory=VectorConfig)
+    dynamics: str = "bicycle_discrete"  # of whoever is controlled: the action space
+    task: tasks.TaskConfig = field(default_factory=tasks.PlanningConfig)
+    observation: observations.ObservationConfig = field(default_factory=VectorConfig)
     agent: agents.AgentConfig = field(default_factory=agents.AgentConfig)
     learner: learners.LearnerConfig = field(default_factory=CloningConfig)
     updates: int = 100_000  # of the learner, in all
@@ -87,19 +88,21 @@ class Experiment:
         )
 
 
-def environment(
-    observation: VectorConfig, dynamics_name: str, sim_agent_name: str
-) -> Environment:
-    """Builds the planning task.
+def environment(experiment: Experiment, sim_agent: str | None = None) -> Environment:
+    """Builds the task of an experiment.
+
+    Args:
+        experiment: what to build.
+        sim_agent: drives all others, instead of the one of the experiment.
 
     Raises:
         ValueError: if a name is unknown.
     """
-    return planning(
-        dynamics.build(dynamics_name),
-        sim_agents.build(sim_agent_name),
-        vector(observation),
-        rewards.weighted(rewards.SPARSE),
+    return tasks.build(
+        experiment.task,
+        dynamics.build(experiment.dynamics),
+        observations.build(experiment.observation),
+        None if sim_agent is None else sim_agents.build(sim_agent),
     )
 
 
@@ -116,19 +119,20 @@ def agent(experiment: Experiment, env: Environment, bank: Bank) -> Agent:
     """
 
     def first_observation(bank: Bank):
-        return env.observe(bank, env.reset(bank, jnp.int32(0), jax.random.key(0)))
+        state = env.reset(bank, jnp.int32(0), jax.random.key(0))
+        return acting.first_actor(env, env.observe(bank, state))
 
     observation = jax.eval_shape(first_observation, bank)
-    return agents.build(experiment.agent, observation, env.action_spec)
+    return agents.build(experiment.agent, observation, acting.action_spec(env))
 
 
-def learner(experiment: Experiment, agent: Agent) -> Learner:
+def learner(experiment: Experiment, env: Environment, agent: Agent) -> Learner:
     """Builds the learner of an experiment.
 
     Raises:
-        ValueError: if a field of its config is out of range.
+        ValueError: if its parts do not fit together.
     """
     sample = demonstrations(
-        dynamics.build(experiment.dynamics), vector(experiment.observation)
+        dynamics.build(experiment.dynamics), observations.build(experiment.observation)
     )
-    return learners.build(experiment.learner, agent, sample)
+    return learners.build(experiment.learner, agent, env, sample)

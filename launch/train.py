@@ -40,7 +40,7 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
     """
     _check_folder(folder, experiment)
     files.require_writable(folder)
-    env = environment(experiment.observation, experiment.dynamics, "playback")
+    env = environment(experiment)
     console = rich_console.Console(stderr=True)
     mesh = meshes.data_mesh()
     feed = feeds.open_feed(
@@ -52,7 +52,8 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
     )
     console.print(feed.describe(), highlight=False, markup=False)
 
-    made = learner(experiment, agent(experiment, env, banks.one_shard(feed.bank)))
+    driver = agent(experiment, env, banks.one_shard(feed.bank))
+    made = learner(experiment, env, driver)
     program = compile_program(made, mesh, experiment.updates_per_call)
     state = initial_state(made, mesh, jax.random.key(experiment.seed), feed.bank)
     files.write_whole(folder / CONFIG, config.to_yaml(experiment))

@@ -1,5 +1,6 @@
 """Lets an agent drive: the one path by which learners act and evaluations play."""
 
+import functools
 from collections.abc import Callable
 
 import jax
@@ -9,12 +10,14 @@ from jaxtyping import Array, Bool, Float, Key, PRNGKeyArray, PyTree
 from ..agents.base import Agent, Memory, Output, Params
 from ..sim.data.bank import Bank
 from ..sim.data.stratum import Stratum
-from ..sim.dynamics.base import Action
+from ..sim.dynamics.base import Action, ActionSpec
 from ..sim.env import rollout
 from ..sim.env.base import Act, Driver, Environment, State, Timestep
 from ..sim.metrics.base import Measure
 from ..sim.observations.base import Observation
 from ..sim.records import Record
+from . import strata
+from .strata import Share
 
 # Of what an agent makes of an observation: an action, and what to remember of it.
 Choose = Callable[[Output, PRNGKeyArray], tuple[Action, PyTree]]
@@ -44,6 +47,65 @@ class Step(Record):
     mask: Bool[Array, "*actors"]
     ended: Bool[Array, ""]  # the episode ended with this step
     measures: dict[str, Measure]
+
+
+def start(
+    env: Environment,
+    agent: Agent,
+    bank: Bank,
+    share: Share,
+    key: Key[Array, ""],
+    per_stratum: int,
+) -> World:
+    """Returns worlds at the start of episodes, [strata, worlds of each, ...]."""
+
+    def of_stratum(stratum: Stratum, key: PRNGKeyArray) -> World:
+        keys = jax.random.split(key, per_stratum)
+        worlds = jax.vmap(begin, in_axes=(None, None, None, None, 0))
+        return worlds(env, agent, bank, stratum, keys)
+
+    return jax.vmap(of_stratum)(share.stratum, share.keys(key))
+
+
+def drive(
+    env: Environment,
+    agent: Agent,
+    params: Params,
+    choose: Choose,
+    bank: Bank,
+    share: Share,
+    worlds: World,
+    key: Key[Array, ""],
+    num_steps: int,
+) -> tuple[World, Step]:
+    """Plays some steps in all worlds of a device.
+
+    Args:
+        env: the task.
+        agent: who acts.
+        params: its parameters.
+        choose: its actions.
+        bank: the scenarios.
+        share: the strata of the device.
+        worlds: at the start, as `start` returns them.
+        key: of what is random, the same on all devices.
+        num_steps: how many steps.
+
+    Returns:
+        The worlds after the last step, and the steps,
+        [steps, strata, worlds of each, *actors, ...].
+    """
+    num_strata, per_stratum = worlds.ended.shape
+    keys = jax.vmap(lambda key: jax.random.split(key, per_stratum))(share.keys(key))
+    spread = jax.tree.map(
+        lambda leaf: jnp.repeat(leaf, per_stratum, axis=0), share.stratum
+    )
+    flat, keys = strata.merge((worlds, keys))
+    flat, steps = unroll(
+        env, agent, params, choose, bank, spread, flat, keys, num_steps
+    )
+    by_stratum = functools.partial(strata.part, num_strata=num_strata)
+    return by_stratum(flat), jax.vmap(by_stratum)(steps)
 
 
 def begin(
@@ -86,21 +148,25 @@ def unroll(
         The worlds after the last step, and the steps, [steps, worlds, *actors, ...].
     """
     play = jax.vmap(_play, in_axes=(None, None, None, None, None, 0, 0))
-    start = jax.vmap(begin, in_axes=(None, None, None, 0, 0))
+    anew = jax.vmap(begin, in_axes=(None, None, None, 0, 0))
 
     def step(worlds: World, number: Array) -> tuple[World, Step]:
         now = jax.vmap(jax.random.fold_in, in_axes=(0, None))(keys, number)
         own = jax.vmap(jax.random.split)(now)
         following, steps = play(env, agent, params, choose, bank, worlds, own[:, 0])
         # Whoever was shown how it ended begins anew; often that is nobody.
-        fresh = jax.lax.cond(
-            jnp.any(worlds.ended),
-            lambda: start(env, agent, bank, stratum, own[:, 1]),
+        ended = worlds.ended
+        moved = jax.lax.cond(
+            jnp.any(ended),
+            lambda: _where(
+                ended, anew(env, agent, bank, stratum, own[:, 1]), following
+            ),
             lambda: following,
         )
-        return _where(worlds.ended, fresh, following), steps
+        return moved, steps
 
-    return jax.lax.scan(step, worlds, jnp.arange(num_steps))
+    # What is needed to differentiate a step is computed again, not kept.
+    return jax.lax.scan(jax.checkpoint(step), worlds, jnp.arange(num_steps))
 
 
 def _play(
@@ -171,6 +237,28 @@ def greedy(agent: Agent, env: Environment) -> Callable[[PyTree, Array], Driver]:
         return Driver(lambda scene: _memory(env, agent, len(scene.object_mask)), act)
 
     return driver_of
+
+
+def action_spec(env: Environment) -> ActionSpec:
+    """Returns the actions of each actor.
+
+    Raises:
+        ValueError: if there are several teams, whose actions may differ.
+    """
+    if not _is_multi_agent(env):
+        return env.action_spec
+    if len(env.action_spec) != 1:
+        raise ValueError(
+            f"an agent drives one team, got a task of {len(env.action_spec)}."
+        )
+    return env.action_spec[0]
+
+
+def first_actor(env: Environment, observation: Observation) -> Observation:
+    """Returns what the first actor sees."""
+    if not _is_multi_agent(env):
+        return observation
+    return jax.tree.map(lambda leaf: leaf[0], observation)
 
 
 def _is_multi_agent(env: Environment) -> bool:

@@ -87,8 +87,7 @@ def draw(
         keys = jax.random.split(key, per_stratum)
         return jax.vmap(sample, in_axes=(None, None, 0))(bank, stratum, keys)
 
-    drawn = jax.vmap(of_stratum)(share.stratum, share.keys(key))
-    return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]), drawn)
+    return strata.merge(jax.vmap(of_stratum)(share.stratum, share.keys(key)))
 
 
 def imitation(agent: Agent, params: Params, batch: Demonstration) -> Metrics:

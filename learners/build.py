@@ -1,20 +1,33 @@
 """Builds a learner from its config."""
 
 from ..agents.base import Agent
+from ..sim.env.base import Environment
 from ..sim.env.demonstrations import Sample
-from . import bc, optim
+from . import optim
+from .apg import AnalyticConfig, analytic_policy_gradient
 from .base import Learner
+from .bc import CloningConfig, behavior_cloning
 
-LearnerConfig = bc.CloningConfig
+LearnerConfig = CloningConfig | AnalyticConfig
 
 
-def build(config: LearnerConfig, agent: Agent, sample: Sample) -> Learner:
+def build(
+    config: LearnerConfig, agent: Agent, env: Environment, sample: Sample
+) -> Learner:
     """Builds the learner of a config.
 
     Args:
         config: what to build; its type says which.
         agent: the policy it improves.
+        env: where it acts.
         sample: draws one demonstration from the bank.
+
+    Raises:
+        ValueError: if learner, agent and task do not fit together.
     """
     optimizer = optim.adam(config)
-    return bc.behavior_cloning(agent, sample, optimizer, config)
+    match config:
+        case CloningConfig():
+            return behavior_cloning(agent, sample, optimizer, config)
+        case AnalyticConfig():
+            return analytic_policy_gradient(env, agent, optimizer, config)

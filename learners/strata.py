@@ -49,6 +49,23 @@ def own(tree: PyTree[Array], axis_name: str) -> PyTree[Array]:
     return jax.tree.map(lambda leaf: jax.lax.pcast(leaf, axis_name, to="varying"), tree)
 
 
+def merge(tree: PyTree[Array]) -> PyTree[Array]:
+    """Makes one leading axis of two, such as strata and what each has."""
+    return jax.tree.map(
+        lambda leaf: leaf.reshape(leaf.shape[0] * leaf.shape[1], *leaf.shape[2:]), tree
+    )
+
+
+def part(tree: PyTree[Array], num_strata: int) -> PyTree[Array]:
+    """Makes two leading axes of one: strata, and what each has."""
+    return jax.tree.map(
+        lambda leaf: leaf.reshape(
+            num_strata, leaf.shape[0] // num_strata, *leaf.shape[1:]
+        ),
+        tree,
+    )
+
+
 def check(num_strata: int, **parts: int) -> None:
     """Checks that strata divide what a config counts.
 

@@ -7,6 +7,7 @@ tiles around it, nearest tiles first. By C++ on CPUs, else in plain JAX.
 import dataclasses
 import itertools
 import math
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
@@ -31,6 +32,7 @@ NUM_FEATURES = 7  # of an object, and of a piece of the map
 class CompactConfig:
     """How much of the world an object sees."""
 
+    name: Literal["compact"] = "compact"
     num_objects: int = 63
     num_road: int = 200  # pieces of the map
     radius: float = 80.0  # metres beyond which nothing is seen; tiles by their centres

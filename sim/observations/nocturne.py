@@ -64,6 +64,7 @@ class NocturneConfig:
     lights make the 6970 of the published program.
     """
 
+    name: Literal["nocturne"] = "nocturne"
     view_angle: float = 2.1  # radians
     view_distance: float = 80.0  # metres
     num_objects: int = 16

@@ -49,6 +49,7 @@ class VectorConfig:
     keep all logged points where `prepare` ran with `--simplify 0`.
     """
 
+    name: Literal["vector"] = "vector"
     history: int = 10  # steps before the present one
     num_objects: int = 16
     road: Road = "segments"  # what a piece of a map feature is

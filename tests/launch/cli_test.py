@@ -11,9 +11,10 @@ from drivetrain.launch import logbook
 TINY = """
 data: synthetic:0:4
 max_objects: 12
-observation: {history: 1, num_objects: 2, num_road: 4, num_lights: 1, num_route: 2}
+observation:
+  {name: vector, history: 1, num_objects: 2, num_road: 4, num_lights: 1, num_route: 2}
 agent: {width: 8, num_heads: 2, num_layers: 1, num_latents: 2, hidden_width: 8}
-learner: {batch_size: 8, learning_rate: 1e-3}
+learner: {name: bc, batch_size: 8, learning_rate: 1e-3}
 updates: 4
 updates_per_call: 2
 updates_per_checkpoint: 2

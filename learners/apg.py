@@ -1,0 +1,128 @@
+"""Learns by analytic policy gradients: differentiates the reward through the simulator.
+
+No peer needs fewer samples where the reward is smooth; where it is a flag, such as
+whether boxes overlap, its gradient is zero and says nothing.
+"""
+
+import dataclasses
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Key, PRNGKeyArray
+
+from ..agents.base import Agent, Output, Params
+from ..sim.dynamics.base import Action, Continuous
+from ..sim.env.base import Environment
+from . import acting, losses, optim, strata
+from .acting import World
+from .base import Bank, Learner, Metrics, TrainState
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class AnalyticConfig(optim.OptimizerConfig):
+    """How far gradients reach, and in how many worlds."""
+
+    name: Literal["apg"] = "apg"
+    num_worlds: int = 64  # over all devices
+    steps_per_update: int = 16  # through which an action's consequences are followed
+    strata: int = 8  # equal parts of the worlds; the devices' number must divide it
+
+    def __post_init__(self) -> None:
+        """Checks the counts, and the fields of the optimizer.
+
+        Raises:
+            ValueError: if strata do not divide the worlds, or a field is out of range.
+        """
+        super().__post_init__()
+        strata.check(self.strata, num_worlds=self.num_worlds)
+        if self.steps_per_update < 1:
+            raise ValueError(
+                f"steps_per_update must be at least 1, got {self.steps_per_update}."
+            )
+
+
+def analytic_policy_gradient(
+    env: Environment, agent: Agent, optimizer: optim.Optimizer, config: AnalyticConfig
+) -> Learner:
+    """Makes a learner that follows the slope of the reward itself.
+
+    With the simulator s' = f(s, a), the policy a = pi(s) of its most likely action and
+    windows of H steps from states where the last windows ended:
+
+        loss = -sum_t r(s_t+1) / H,    d s_t+1 / d theta = f_s d s_t / d theta
+                                       + f_a (pi_theta + pi_s d s_t / d theta)
+
+    over all worlds together. States at the start of a window count as constants.
+
+    Args:
+        env: whose reward and dynamics are smooth.
+        agent: whose actions are continuous.
+        optimizer: takes the steps.
+        config: the windows.
+
+    Raises:
+        ValueError: if actions are numbered, as those have no slope.
+    """
+    if not isinstance(acting.action_spec(env), Continuous):
+        raise ValueError(
+            "apg needs continuous actions, such as dynamics=bicycle; these are numbered"
+        )
+    per_stratum = config.num_worlds // config.strata
+
+    def choose(output: Output, key: PRNGKeyArray) -> tuple[Action, tuple[()]]:
+        del key
+        return output.policy.mode(), ()
+
+    def loss(
+        params: Params,
+        bank: Bank,
+        share: strata.Share,
+        worlds: World,
+        key: Key[Array, ""],
+    ) -> tuple[Metrics, World]:
+        worlds, steps = acting.drive(
+            env,
+            agent,
+            params,
+            choose,
+            bank,
+            share,
+            worlds,
+            key,
+            config.steps_per_update,
+        )
+        mask = steps.mask.astype(jnp.float32)
+        metrics = {"loss": losses.weighted(-steps.reward, mask)}
+        return metrics, worlds
+
+    def init(key: Key[Array, ""], bank: Bank, axis_name: str) -> TrainState:
+        key, params_key, worlds_key = jax.random.split(key, 3)
+        params = agent.init(params_key)
+        share = strata.share(config.strata, axis_name)
+        return TrainState(
+            params=params,
+            opt_state=optimizer.transformation.init(params),
+            step=jnp.zeros((), jnp.int32),
+            key=key,
+            worlds=acting.start(env, agent, bank, share, worlds_key, per_stratum),
+        )
+
+    def update(
+        train_state: TrainState, bank: Bank, axis_name: str
+    ) -> tuple[TrainState, Metrics]:
+        key, drive_key = jax.random.split(train_state.key)
+        share = strata.share(config.strata, axis_name)
+        train_state, metrics, worlds = optim.descend(
+            optimizer,
+            train_state.replace(key=key),
+            axis_name,
+            loss,
+            bank,
+            share,
+            train_state.worlds,
+            drive_key,
+        )
+        return train_state.replace(worlds=worlds), metrics
+
+    return Learner(init=init, update=update)

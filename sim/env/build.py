@@ -1,0 +1,123 @@
+"""Builds a task from its config."""
+
+import dataclasses
+from dataclasses import field
+from typing import Literal
+
+from .. import names, rewards
+from ..dynamics.base import Dynamics
+from ..metrics.base import Metric
+from ..metrics.build import METRICS
+from ..metrics.smooth import SMOOTH_COLLISION, SMOOTH_OFFROAD
+from ..observations.base import Observer
+from ..rewards import Reward
+from ..sim_agents import build as sim_agents
+from ..sim_agents.base import SimAgent
+from .base import Environment, Team
+from .controlled import MovingConfig, moving_vehicles
+from .multi_agent import MultiAgentConfig, multi_agent
+from .planning import planning
+from .starts import StartConfig
+
+# A preset by name, or the weights of metrics.
+RewardConfig = str | dict[str, float]
+SMOOTH = (SMOOTH_COLLISION, SMOOTH_OFFROAD)  # measured where a reward asks for them
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class PlanningConfig:
+    """The ego drives."""
+
+    name: Literal["planning"] = "planning"
+    sim_agent: str = "playback"  # drives all others in training
+    reward: RewardConfig = "sparse"
+    starts: StartConfig = field(default_factory=StartConfig)
+
+    def __post_init__(self) -> None:
+        """Checks the names.
+
+        Raises:
+            ValueError: if a sim agent, a preset or a metric is unknown.
+        """
+        sim_agents.build(self.sim_agent)
+        reward_of(self.reward)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class SelfPlayConfig:
+    """All vehicles that move drive, until they reach their goal or collide (N 4.1)."""
+
+    name: Literal["self_play"] = "self_play"
+    sim_agent: str = "playback"  # drives whoever is not controlled
+    reward: RewardConfig = "nocturne"
+    starts: StartConfig = field(default_factory=StartConfig)
+    controlled: MovingConfig = field(default_factory=MovingConfig)
+    remove_at: tuple[str, ...] = ("goal", "collision")  # metrics that end a part
+
+    def __post_init__(self) -> None:
+        """Checks the names.
+
+        Raises:
+            ValueError: if a sim agent, a preset or a metric is unknown.
+        """
+        sim_agents.build(self.sim_agent)
+        reward_of(self.reward)
+        for metric in self.remove_at:
+            _require_known(metric, METRICS)
+
+
+TaskConfig = PlanningConfig | SelfPlayConfig
+
+
+def build(
+    config: TaskConfig,
+    dynamics: Dynamics,
+    observer: Observer,
+    sim_agent: SimAgent | None = None,
+) -> Environment:
+    """Builds the environment of a config.
+
+    Args:
+        config: the task.
+        dynamics: of whoever is controlled.
+        observer: what they see.
+        sim_agent: drives all others, instead of the one that the config names.
+    """
+    others = sim_agent or sim_agents.build(config.sim_agent)
+    reward, metrics = reward_of(config.reward)
+    if isinstance(config, PlanningConfig):
+        return planning(dynamics, others, observer, reward, metrics, config.starts)
+    return multi_agent(
+        (Team(dynamics, moving_vehicles(config.controlled)),),
+        others,
+        observer,
+        reward,
+        metrics,
+        MultiAgentConfig(
+            remove_at=config.remove_at, joins_later=False, starts=config.starts
+        ),
+    )
+
+
+def reward_of(config: RewardConfig) -> tuple[Reward, tuple[Metric, ...]]:
+    """Returns a reward, and the metrics to measure for it and for the record.
+
+    Raises:
+        ValueError: if a preset or a metric is unknown.
+    """
+    if config == "nocturne":
+        return rewards.nocturne_dense(), METRICS
+    if isinstance(config, str):
+        if config != "sparse":
+            raise names.unknown("reward", config, ("sparse", "nocturne"))
+        return rewards.weighted(rewards.SPARSE), METRICS
+    for metric in config:
+        _require_known(metric, (*METRICS, *SMOOTH))
+    wanted = tuple(metric for metric in SMOOTH if metric.name in config)
+    return rewards.weighted(config), (*METRICS, *wanted)
+
+
+def _require_known(name: str, metrics: tuple[Metric, ...]) -> None:
+    known = [metric.name for metric in metrics]
+    if name not in known:
+        raise names.unknown("metric", name, known)
