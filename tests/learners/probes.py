@@ -142,7 +142,7 @@ def observe(probe: Probe, step: int, sign: float) -> Observation:
 
 
 def linear_agent(output: Callable[[jax.Array], Output], num_outputs: int) -> Agent:
-    """Builds an agent without memory whose outputs are linear in what is seen.
+    """Builds an agent without memory, linear in a one-hot of step and sign together.
 
     Args:
         output: makes an agent's output of `num_outputs` numbers.
@@ -150,12 +150,14 @@ def linear_agent(output: Callable[[jax.Array], Output], num_outputs: int) -> Age
     """
 
     def init(key: jax.Array) -> dict[str, jax.Array]:
-        return {"linear": 0.1 * jax.random.normal(key, (NUM_FEATURES, num_outputs))}
+        return {"table": 0.1 * jax.random.normal(key, (3 * MAX_STEPS, num_outputs))}
 
     def step(
         params: dict[str, jax.Array], memory: Memory, observation: Observation
     ) -> tuple[Memory, Output]:
         seen = observation["coin"].values.reshape(NUM_FEATURES)
-        return memory, output(seen @ params["linear"])
+        side = seen[-1] == jnp.array([-1.0, 0.0, 1.0])
+        row = jnp.outer(seen[:-1], side).reshape(-1)
+        return memory, output(row @ params["table"])
 
     return Agent(init=init, memory=lambda: (), step=step)
