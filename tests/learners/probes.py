@@ -126,7 +126,7 @@ def environment(probe: Probe) -> Environment:
         return state.replace(step=state.step + 1), timestep
 
     def observe(bank: Bank, state: State) -> Observation:
-        # The step after the last is not among the features: all zeros.
+        # Of the step after the longest episode there is no feature: all are zero.
         told = jax.nn.one_hot(state.step * probe.tells_step, MAX_STEPS)
         sign = jnp.where(probe.shows(state.step), state.sim_agent, 0.0)
         values = jnp.append(told, sign)[None, None]
