@@ -1,78 +1,155 @@
 """Builds an agent from its config."""
 
 import dataclasses
+from dataclasses import field
+from typing import Literal
 
 import jax
 import jax.numpy as jnp
 from flax import nnx
-from jaxtyping import Array, Key
+from jaxtyping import Array, Float, Key
 
-from ..sim.dynamics.base import ActionSpec
+from ..sim.dynamics.base import ActionSpec, Discrete
 from ..sim.observations.base import Observation
 from .base import Agent, Memory, Output, Params
+from .distributions import ActionValues
+from .encoders.flat import FlatConfig, FlatEncoder
 from .encoders.mlp import ResidualMLP
 from .encoders.wayformer import Wayformer, WayformerConfig
+from .heads.action_values import ActionValueHead, DuelingHead
+from .heads.factored import FactoredCategoricalHead
 from .heads.policy import policy_head
+from .heads.value import ValueHead
+from .recurrent import GRU
+
+EncoderConfig = WayformerConfig | FlatConfig
+# What a learner asks of an agent: a policy, with a critic or without, or what each
+# action is worth.
+Kind = Literal["policy", "actor_critic", "action_values"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class AgentConfig(WayformerConfig):
-    """The size of the network: the fields of the encoder, then what follows it."""
+class AgentConfig:
+    """The network: an encoder, what follows it, and details of its heads."""
 
-    hidden_width: int = 128
-    num_hidden_layers: int = 4
+    encoder: EncoderConfig = field(default_factory=WayformerConfig)
+    hidden_width: int = 128  # of the perceptron behind the encoder
+    num_hidden_layers: int = 4  # of it; 0 leaves it out
+    memory_width: int = 0  # of a gated recurrent unit behind them; 0 leaves it out
     num_components: int = 10  # of the mixture over continuous actions
+    factored: bool = False  # numbered actions have a softmax for each of their numbers
+    dueling: bool = False  # action values are those of a state and of advantages
+
+    def __post_init__(self) -> None:
+        """Checks the sizes.
+
+        Raises:
+            ValueError: if a size is too small.
+        """
+        for name, least in (
+            ("hidden_width", 1),
+            ("num_hidden_layers", 0),
+            ("memory_width", 0),
+            ("num_components", 1),
+        ):
+            if getattr(self, name) < least:
+                raise ValueError(
+                    f"{name} must be at least {least}, got {getattr(self, name)}."
+                )
 
 
 class _Network(nnx.Module):
-    """Encoder, residual perceptron and policy head."""
+    """Encoder, perceptron, memory and heads."""
 
     def __init__(
         self,
         config: AgentConfig,
         observation: Observation,
         action_spec: ActionSpec,
+        kind: Kind,
         *,
         rngs: nnx.Rngs,
     ):
-        self.encoder = Wayformer(config, observation, rngs=rngs)
-        self.mlp = ResidualMLP(
-            config.width, config.hidden_width, config.num_hidden_layers, rngs=rngs
-        )
-        self.head = policy_head(
-            config.hidden_width, action_spec, config.num_components, rngs=rngs
-        )
+        self.encoder, width = _encoder(config.encoder, observation, rngs)
+        mlp = memory = critic = None
+        if config.num_hidden_layers:
+            size = config.hidden_width
+            mlp = ResidualMLP(width, size, config.num_hidden_layers, rngs=rngs)
+            width = size
+        if config.memory_width:
+            memory = GRU(width, config.memory_width, rngs=rngs)
+            width = config.memory_width
+        self.head = _head(config, width, action_spec, kind, rngs)
+        if kind == "actor_critic":
+            critic = ValueHead(width, rngs=rngs)
+        self.mlp, self.memory, self.critic = mlp, memory, critic
 
-    def __call__(self, observation: Observation) -> Output:
-        features = self.mlp(self.encoder(observation))
-        return Output(policy=self.head(features), value=jnp.zeros(()))
+    def __call__(
+        self, memory: Memory, observation: Observation
+    ) -> tuple[Memory, Output]:
+        features = self.encoder(observation)
+        if self.mlp is not None:
+            features = self.mlp(features)
+        if self.memory is not None:
+            memory, features = self.memory(memory, features)
+        value = jnp.zeros(()) if self.critic is None else self.critic(features)
+        return memory, Output(policy=self.head(features), value=value)
+
+
+class _ActionValues(nnx.Module):
+    """Values of actions as the greedy policy over them."""
+
+    def __init__(self, values: ActionValueHead | DuelingHead):
+        self.values = values
+
+    def __call__(self, features: Float[Array, " features"]) -> ActionValues:
+        return ActionValues(values=self.values(features))
+
+
+def _encoder(config: EncoderConfig, observation: Observation, rngs: nnx.Rngs):
+    if isinstance(config, FlatConfig):
+        return FlatEncoder(config, observation, rngs=rngs), config.widths[-1]
+    return Wayformer(config, observation, rngs=rngs), config.width
+
+
+def _head(
+    config: AgentConfig, width: int, spec: ActionSpec, kind: Kind, rngs: nnx.Rngs
+) -> nnx.Module:
+    if kind != "action_values" and not config.factored:
+        return policy_head(width, spec, config.num_components, rngs=rngs)
+    if not isinstance(spec, Discrete):
+        raise ValueError(
+            "values of actions and factored choices need numbered actions, such as "
+            "those of dynamics=bicycle_discrete"
+        )
+    if kind != "action_values":
+        return FactoredCategoricalHead(width, spec.bins, rngs=rngs)
+    head = DuelingHead if config.dueling else ActionValueHead
+    return _ActionValues(head(width, spec.num_actions, rngs=rngs))
 
 
 def build(
-    config: AgentConfig, observation: Observation, action_spec: ActionSpec
+    config: AgentConfig,
+    observation: Observation,
+    action_spec: ActionSpec,
+    kind: Kind = "policy",
 ) -> Agent:
     """Builds the agent that the config describes.
 
     Args:
-        config: the size of the network.
+        config: the network.
         observation: one observation of the kind to come; only its shapes are read, so
             the result of `jax.eval_shape` will do.
         action_spec: the actions to choose among.
+        kind: what the agent is to say of an observation.
 
     Raises:
-        ValueError: if a size is below 1 or the heads do not divide the width.
+        ValueError: if the actions do not suit the kind or the head.
     """
-    for name, value in dataclasses.asdict(config).items():
-        if value < 1:
-            raise ValueError(f"{name} must be at least 1, got {value}.")
-    if config.width % config.num_heads:
-        raise ValueError(
-            f"num_heads must divide width, got {config.num_heads} heads for a width of "
-            f"{config.width}."
-        )
 
     def network(key: Key[Array, ""]) -> _Network:
-        return _Network(config, observation, action_spec, rngs=nnx.Rngs(params=key))
+        rngs = nnx.Rngs(params=key)
+        return _Network(config, observation, action_spec, kind, rngs=rngs)
 
     # The object is taken apart once: what is traced per call is a pure function.
     graphdef = nnx.graphdef(nnx.eval_shape(network, jax.random.key(0)))
@@ -80,10 +157,13 @@ def build(
     def init(key: Key[Array, ""]) -> Params:
         return nnx.to_pure_dict(nnx.state(network(key)))
 
+    def memory() -> Memory:
+        return jnp.zeros(config.memory_width) if config.memory_width else ()
+
     def step(
         params: Params, memory: Memory, observation: Observation
     ) -> tuple[Memory, Output]:
         state = nnx.restore_int_paths(params)
-        return memory, nnx.merge(graphdef, state)(observation)
+        return nnx.merge(graphdef, state)(memory, observation)
 
-    return Agent(init=init, memory=lambda: (), step=step)
+    return Agent(init=init, memory=memory, step=step)

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, Int, Key
 
 from ..sim.dynamics.base import Continuous
 from ..sim.records import Record
+from .factored import FactoredCategorical
 
 # An action on a bound has an infinite pre-image under tanh: keep this far inside.
 SQUASHED_LIMIT = 1 - 1e-3
@@ -91,4 +92,4 @@ class TanhMixture(Record):
         return jnp.clip(action, low, high)  # rounding may step over the bound
 
 
-Distribution = Categorical | TanhMixture
+Distribution = Categorical | FactoredCategorical | TanhMixture

@@ -49,6 +49,7 @@ def train(
     ] = (),
     /,
     out: pathlib.Path | None = None,
+    debug_nans: bool = False,
 ) -> None:
     """Trains an agent as a config says.
 
@@ -60,7 +61,10 @@ def train(
         config_file: a YAML file; see configs/.
         fields: any of its fields, as field=value.
         out: the folder of the run; by default runs/ and the name of the config.
+        debug_nans: stop at the first operation whose result is no number, and show it;
+            slow.
     """
+    jax.config.update("jax_debug_nans", debug_nans)
     experiment = config.load(config_file, Experiment, fields)
     folder = out or pathlib.Path("runs") / config_file.stem
     run_training(experiment, folder)
@@ -83,6 +87,7 @@ def evaluate(
     dump: pathlib.Path | None = None,
     record: pathlib.Path | None = None,
     actions: pathlib.Path | None = None,
+    run_seed: int | None = None,
     seed: int = 0,
 ) -> None:
     """Plays an agent on scenarios and prints the row of the table.
@@ -111,12 +116,14 @@ def evaluate(
         dump: write what happened in each scenario to this folder, as .npz files.
         record: write the ego's actions to this file, an .npz archive.
         actions: the file of the actions of recorded.
+        run_seed: which of the seeds that a run has trained, counted from 0; all of
+            them, and their mean, by default.
         seed: of whatever is drawn.
     """
     if not 0 <= seed < 2**32:
         raise ValueError(f"seed must be from 0 to 2^32 - 1, got {seed}.")
     outputs.require({"json": json, "record": record}, dump)
-    player_of = evaluating.player_of(agent, dynamics, sim_agent, actions)
+    players_of = evaluating.players_of(agent, dynamics, sim_agent, actions, run_seed)
     source = loader.Source(
         path=data,
         split=split,
@@ -128,13 +135,22 @@ def evaluate(
     loaded = banks.load(source, max_objects, meshes.data_mesh())
     console = rich_console.Console(stderr=True)
     console.print(banks.describe(loaded), highlight=False, markup=False)
-    player = player_of(loaded)
+    players = players_of(loaded)
+    player = players[0]
+    if len(players) > 1 and (record is not None or dump is not None):
+        raise ValueError(
+            f"'{agent}' has {len(players)} seeds; choose one with --run-seed to write "
+            "what it does"
+        )
     if record is not None:
         taken = evaluating.record(player, loaded, seed)
         recording.write(record, taken)
         again = evaluating.replayed(taken, str(record), None, sim_agent, loaded)
         player = dataclasses.replace(again, name=player.name)
-    rows = [evaluating.row(player, loaded, seed)]
+        players = [player]
+    rows = [evaluating.row(each, loaded, seed) for each in players]
+    if len(rows) > 1:
+        rows.append(tables.over_seeds(rows))
     tables.show(rows, f"{agent} on {data}")
     if json is not None:
         facts: tables.Row = {

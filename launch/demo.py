@@ -49,7 +49,7 @@ def demo(out: pathlib.Path, seed: int) -> None:
     source = loader.Source(path=UNSEEN)
     loaded = banks.load(source, experiment.max_objects, meshes.data_mesh())
     players = [evaluate.rule(name, "bicycle", SIM_AGENT) for name in RULES]
-    learned = evaluate.trained(out, SIM_AGENT, loaded)
+    (learned,) = evaluate.trained(out, SIM_AGENT, None, loaded)
     players.append(dataclasses.replace(learned, name="bc"))
     rows = [evaluate.row(player, loaded, seed) for player in players]
     tables.show(rows, f"{len(loaded.scenarios)} generated scenarios not trained on")

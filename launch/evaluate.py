@@ -2,8 +2,9 @@
 
 import dataclasses
 import functools
+import operator
 import pathlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import jax
 import numpy as np
@@ -11,7 +12,7 @@ from jaxtyping import Array, PyTree
 from rich import console as rich_console
 
 from ..learners import acting, checkpoint, mesh as meshes
-from ..learners.evaluator import compile_evaluator, figures
+from ..learners.evaluator import compile_evaluator, figures_of
 from ..sim.dynamics import build as dynamics
 from ..sim.env import build as tasks, drivers
 from ..sim.env.base import Driver, Environment
@@ -19,7 +20,7 @@ from ..sim.observations.vector import VectorConfig, vector
 from . import actions, tables
 from .actions import RECORDED, Record
 from .banks import Loaded
-from .experiment import agent, environment
+from .experiment import agent, environment, keys
 from .progress import progress
 from .train import CHECKPOINTS, PARAMS, load_run
 
@@ -38,12 +39,13 @@ class Player:
     params: PyTree  # a copy on each device; empty for rules
 
 
-def player_of(
+def players_of(
     agent: str,
     dynamics_name: str | None,
     sim_agent: str,
     record: pathlib.Path | None = None,
-) -> Callable[[Loaded], Player]:
+    seed: int | None = None,
+) -> Callable[[Loaded], list[Player]]:
     """Finds an agent by name, or by the folder of its run, before data are loaded.
 
     Args:
@@ -52,9 +54,10 @@ def player_of(
             bicycle for rules.
         sim_agent: drives all others.
         record: the file of the actions of `recorded`.
+        seed: which of the seeds of a run, counted from 0; None for all.
 
     Returns:
-        A function from the scenarios to the player.
+        A function from the scenarios to the players: one, or one for each seed.
 
     Raises:
         FileNotFoundError: if the folder holds no run, or one without a checkpoint, or
@@ -69,20 +72,21 @@ def player_of(
             + (f"with --actions {record}" if record else "without --actions")
         )
     if record is not None:
-        return functools.partial(
-            replayed, actions.read(record), str(record), dynamics_name, sim_agent
-        )
+        taken = actions.read(record)
+        return lambda loaded: [
+            replayed(taken, str(record), dynamics_name, sim_agent, loaded)
+        ]
     folder = pathlib.Path(agent)
     if agent in drivers.NAMES or not folder.is_dir():
         player = rule(agent, dynamics_name or "bicycle", sim_agent)
-        return lambda loaded: player
+        return lambda loaded: [player]
     space = load_run(folder).dynamics
     if dynamics_name not in (None, space):
         raise ValueError(
             f"'{agent}' was trained with --dynamics {space}, not {dynamics_name}; "
             "leave the option out"
         )
-    return functools.partial(trained, folder, sim_agent)
+    return functools.partial(trained, folder, sim_agent, seed)
 
 
 def rule(name: str, dynamics_name: str, sim_agent: str) -> Player:
@@ -109,30 +113,39 @@ def _simple(dynamics_name: str, sim_agent: str) -> Environment:
     return tasks.build(task, dynamics.build(dynamics_name), vector(SIMPLE))
 
 
-def trained(folder: pathlib.Path, sim_agent: str, loaded: Loaded) -> Player:
-    """Makes a player of the newest checkpoint of a run.
+def trained(
+    folder: pathlib.Path, sim_agent: str, seed: int | None, loaded: Loaded
+) -> list[Player]:
+    """Makes players of the newest checkpoint of a run, one for each seed.
 
     Args:
         folder: of the run.
         sim_agent: drives all others.
+        seed: which of the run's, counted from 0; None for all.
         loaded: scenarios; only their shapes are read.
 
     Raises:
         FileNotFoundError: if there is no such run or it has no checkpoint.
-        ValueError: if a name is unknown or the checkpoint does not fit the config.
+        ValueError: if a name is unknown, the checkpoint does not fit the config, or the
+            run has no such seed.
     """
     experiment = load_run(folder)
+    if seed is not None and not 0 <= seed < experiment.seeds:
+        raise ValueError(
+            f"'{folder}' has the seeds 0 to {experiment.seeds - 1}, got {seed}."
+        )
     env = environment(experiment, sim_agent)
     made = agent(experiment, env, loaded.one_shard)
     mesh = meshes.data_mesh()
-    like = meshes.replicate(mesh, jax.jit(made.init)(jax.random.key(0)))
+    init = made.init if experiment.seeds == 1 else jax.vmap(made.init)
+    like = meshes.replicate(mesh, jax.jit(init)(keys(experiment)))
     checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
     restored = checkpoints.restore_part(like, PARAMS)
     console = rich_console.Console(stderr=True)
     console.print(
         f"{folder} at update {restored.step:,}", highlight=False, markup=False
     )
-    return Player(
+    player = Player(
         name=folder.name,
         sim_agent=sim_agent,
         dynamics=experiment.dynamics,
@@ -140,6 +153,13 @@ def trained(folder: pathlib.Path, sim_agent: str, loaded: Loaded) -> Player:
         driver_of=acting.greedy(made, env),
         params=restored.tree,
     )
+    if experiment.seeds == 1:
+        return [player]
+    numbers = range(experiment.seeds) if seed is None else (seed,)
+    params = [
+        jax.tree.map(operator.itemgetter(number), restored.tree) for number in numbers
+    ]
+    return [dataclasses.replace(player, params=own) for own in params]
 
 
 def replayed(
@@ -204,9 +224,11 @@ def play(player: Player, loaded: Loaded, seed: int) -> dict[str, np.ndarray]:
     Raises:
         ValueError: if the ego is nowhere at some step.
     """
-    episodes = _play(player, loaded, seed, "evaluating", figures)
+    episodes = _play(player, loaded, seed, "evaluating", figures_of(player.env))
     masks = {f"{name}_mask": valid for name, valid in episodes.valid.items()}
     found = {name: np.asarray(x) for name, x in {**episodes.value, **masks}.items()}
+    if acting.is_multi_agent(player.env):
+        return _of_actors(found)
     lost = found["log_ade_mask"] & ~np.isfinite(found["log_ade"])
     if np.any(lost):
         first = loaded.scenarios[int(np.argmax(lost))].scenario_id
@@ -215,6 +237,12 @@ def play(player: Player, loaded: Loaded, seed: int) -> dict[str, np.ndarray]:
             f"'{first}' the first: its actions are no finite numbers"
         )
     return found
+
+
+def _of_actors(found: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Returns the figures of every object that was controlled, [episodes]."""
+    acted = found["collision_mask"]
+    return {name: values[acted] for name, values in found.items()}
 
 
 def _play(player: Player, loaded: Loaded, seed: int, doing: str, keep) -> PyTree:

@@ -5,12 +5,14 @@ from dataclasses import field
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Key
 
 from ..agents import build as agents
 from ..agents.base import Agent
 from ..learners import acting, build as learners
 from ..learners.base import Learner
 from ..learners.bc import CloningConfig
+from ..learners.seeds import side_by_side
 from ..sim.data import loader
 from ..sim.data.bank import Bank
 from ..sim.data.loader import Split
@@ -23,6 +25,7 @@ from ..sim.env.demonstrations import demonstrations
 from ..sim.observations import build as observations
 from ..sim.observations.vector import VectorConfig
 from ..sim.sim_agents import build as sim_agents
+from .monitor import MonitorConfig
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -45,6 +48,10 @@ class Experiment:
     updates_per_call: int = 50  # of the compiled program
     updates_per_checkpoint: int = 1000
     seed: int = 0
+    seeds: int = 1  # trained side by side: seed, seed + 1, …
+    monitor: MonitorConfig | None = None  # evaluates now and then
+    pretrained: str | None = None  # the folder of a run whose parameters to begin with
+    pretrained_parts: tuple[str, ...] = ("encoder",)  # of the parameters
 
     def __post_init__(self) -> None:
         """Checks the counts.
@@ -53,7 +60,7 @@ class Experiment:
             ValueError: if a count is below 1, calls do not add up to checkpoints and
                 these to the run, or the seed does not fit.
         """
-        for name in ("updates_per_call", "updates_per_checkpoint", "updates"):
+        for name in ("updates_per_call", "updates_per_checkpoint", "updates", "seeds"):
             if getattr(self, name) < 1:
                 raise ValueError(
                     f"{name} must be at least 1, got {getattr(self, name)}."
@@ -72,6 +79,11 @@ class Experiment:
             raise ValueError(
                 "stream.updates_per_page must be a multiple of updates_per_call, got "
                 f"{per_page} and {self.updates_per_call}."
+            )
+        if self.monitor is not None and self.monitor.every % self.updates_per_call:
+            raise ValueError(
+                "monitor.every must be a multiple of updates_per_call, got "
+                f"{self.monitor.every} and {self.updates_per_call}."
             )
         if not 0 <= self.seed < 2**32:
             raise ValueError(f"seed must be from 0 to 2^32 - 1, got {self.seed}.")
@@ -135,4 +147,13 @@ def learner(experiment: Experiment, env: Environment, agent: Agent) -> Learner:
     sample = demonstrations(
         dynamics.build(experiment.dynamics), observations.build(experiment.observation)
     )
-    return learners.build(experiment.learner, agent, env, sample)
+    of_one = learners.build(experiment.learner, agent, env, sample)
+    return of_one if experiment.seeds == 1 else side_by_side(of_one)
+
+
+def keys(experiment: Experiment) -> Key[Array, "*seeds"]:
+    """Returns the key of each seed; a lone one has no axis."""
+    first = experiment.seed
+    if experiment.seeds == 1:
+        return jax.random.key(first)
+    return jnp.stack([jax.random.key(first + i) for i in range(experiment.seeds)])

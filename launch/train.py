@@ -1,21 +1,27 @@
 """Trains an agent as a config says, and continues where a run was cut."""
 
 import contextlib
+import dataclasses
 import pathlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jax.sharding import Mesh
 from rich import console as rich_console
 
+from ..agents.base import Agent, Params
 from ..learners import checkpoint, mesh as meshes
 from ..learners.base import Metrics, TrainState
 from ..learners.program import Program, compile_program, initial_state
-from ..sim import files
-from . import banks, config, feeds, logbook
-from .experiment import Experiment, agent, environment, learner
+from ..learners.seeds import one_of
+from ..sim import files, names
+from . import banks, config, divergence, feeds, logbook
+from .experiment import Experiment, agent, environment, keys, learner
 from .feeds import Feed
+from .monitor import Monitor
 from .progress import progress
 
 CONFIG = "config.yaml"
@@ -35,13 +41,12 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
 
     Raises:
         FileExistsError: if the folder holds another experiment.
-        FileNotFoundError: if there are no such data.
+        FileNotFoundError: if there are no such data, or no run to begin with.
+        DivergedError: if the loss is no number any more.
         ValueError: if the experiment does not fit together.
     """
     _check_folder(folder, experiment)
     files.require_writable(folder)
-    env = environment(experiment)
-    console = rich_console.Console(stderr=True)
     mesh = meshes.data_mesh()
     feed = feeds.open_feed(
         experiment.source,
@@ -50,12 +55,13 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
         mesh,
         experiment.seed,
     )
-    console.print(feed.describe(), highlight=False, markup=False)
-
+    _say(feed.describe())
+    env = environment(experiment)
     driver = agent(experiment, env, banks.one_shard(feed.bank))
-    made = learner(experiment, env, driver)
-    program = compile_program(made, mesh, experiment.updates_per_call)
-    state = initial_state(made, mesh, jax.random.key(experiment.seed), feed.bank)
+    learns = learner(experiment, env, driver)
+    program = compile_program(learns, mesh, experiment.updates_per_call)
+    state = initial_state(learns, mesh, keys(experiment), feed.bank)
+    watch = _watch(experiment, driver, mesh)
     files.write_whole(folder / CONFIG, config.to_yaml(experiment))
 
     checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
@@ -64,52 +70,124 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
         _check_same(restored.metadata, feed.identity, folder)
         state = restored.tree
         feed.restore(restored.metadata["feed"])
-        console.print(
-            f"continuing {folder} at update {restored.step:,}",
-            highlight=False,
-            markup=False,
-        )
+        _say(f"continuing {folder} at update {restored.step:,}")
+    elif experiment.pretrained is not None:
+        state = state.replace(params=_pretrained(experiment, state.params, mesh))
 
-    def save(state: TrainState, done: int) -> None:
-        checkpoints.save_async(done, state, {**feed.identity, "feed": feed.state()})
-
+    run = Run(experiment, folder, program, feed, watch, checkpoints)
     with contextlib.closing(feed):
-        with logbook.Logbook(folder, resume_step=int(state.step)) as log:
-            state = _run(experiment, program, feed, state, log, save)
+        with logbook.Logbook(folder, resume_step=_updates(state)) as log:
+            state = _run(run, state, log)
             checkpoints.wait()
     return state
 
 
-def _run(
-    experiment: Experiment,
-    program: Program,
-    feed: Feed,
-    state: TrainState,
-    log: logbook.Logbook,
-    save: Callable[[TrainState, int], None],
-) -> TrainState:
-    done, total = int(state.step), experiment.updates
+@dataclasses.dataclass(frozen=True)
+class Run:
+    """A training run ready to go."""
+
+    experiment: Experiment
+    folder: pathlib.Path
+    program: Program
+    feed: Feed
+    watch: Callable[[TrainState], dict[str, float]]
+    checkpoints: checkpoint.Checkpoints
+
+
+def _run(run: Run, state: TrainState, log: logbook.Logbook) -> TrainState:
+    experiment, feed = run.experiment, run.feed
+    done, total = _updates(state), experiment.updates
     with progress("training", total, unit="updates", start=done) as line:
         while done < total:
-            state, metrics = program(state, feed.bank)
-            done += experiment.updates_per_call
+            state, metrics = run.program(state, feed.bank)
+            first, done = done + 1, done + experiment.updates_per_call
             feed.begin(done)
-            scalars = _means(metrics)
-            log.write(done, scalars | feed.exchange())
+            metrics = jax.device_get(metrics)
+            divergence.require_finite(
+                metrics, first, run.folder, run.checkpoints.steps()
+            )
+            scalars = _means(metrics) | feed.exchange()
+            monitor = experiment.monitor
+            if monitor is not None and done % monitor.every == 0:
+                scalars |= run.watch(state)
+            log.write(done, scalars)
             line.update(done, f"loss {scalars['loss']:.3f}")
-            is_last = done == total
-            if is_last or done % experiment.updates_per_checkpoint == 0:
-                save(state, done)
+            if done == total or done % experiment.updates_per_checkpoint == 0:
+                kept = {**feed.identity, "feed": feed.state()}
+                run.checkpoints.save_async(done, state, kept)
     return state
 
 
+def _updates(state: TrainState) -> int:
+    """Returns how many updates are done, by each seed."""
+    return int(np.max(state.step))
+
+
 def _means(metrics: Metrics) -> dict[str, float]:
-    """Returns the means over the updates of a call; what no update met is left out."""
-    sums = {
-        name: (float(np.sum(mean.total)), float(np.sum(mean.weight)))
-        for name, mean in jax.device_get(metrics).items()
-    }
-    return {name: total / weight for name, (total, weight) in sums.items() if weight}
+    """Returns the means over the updates of a call; what none has met is left out.
+
+    With several seeds, those of each, as `seed2/loss`, beside those of all.
+    """
+    means: dict[str, float] = {}
+    for name, mean in metrics.items():
+        total, weight = np.sum(mean.total, axis=0), np.sum(mean.weight, axis=0)
+        if np.sum(weight):
+            means[name] = float(np.sum(total) / np.sum(weight))
+        if np.ndim(total):
+            means |= {
+                f"seed{number}/{name}": float(total[number] / weight[number])
+                for number in np.flatnonzero(weight)
+            }
+    return means
+
+
+def _watch(
+    experiment: Experiment, driver: Agent, mesh: Mesh
+) -> Callable[[TrainState], dict[str, float]]:
+    """Returns what evaluates the agent of each seed while it trains."""
+    wanted = experiment.monitor
+    if wanted is None:
+        return lambda state: {}
+    env = environment(experiment, wanted.sim_agent)
+    monitor = Monitor(wanted, env, driver, experiment.max_objects, mesh)
+    if experiment.seeds == 1:
+        return lambda state: monitor.evaluate(state.params)
+
+    def of_each(state: TrainState) -> dict[str, float]:
+        return {
+            f"seed{number}/{name}": value
+            for number in range(experiment.seeds)
+            for name, value in monitor.evaluate(one_of(state, number).params).items()
+        }
+
+    return of_each
+
+
+def _pretrained(experiment: Experiment, params: Params, mesh: Mesh) -> Params:
+    """Returns the parameters with some parts of another run's."""
+    folder = pathlib.Path(experiment.pretrained or "")
+    load_run(folder)
+    checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
+    for part in experiment.pretrained_parts:
+        if part not in params:
+            raise names.unknown("part in pretrained_parts", part, sorted(params))
+        like = params[part]
+        if experiment.seeds > 1:
+            like = jax.tree.map(lambda leaf: leaf[0], like)
+        restored = checkpoints.restore_part(like, f"{PARAMS}['{part}']")
+        found = jax.tree.map(
+            lambda leaf, wanted: jnp.broadcast_to(leaf, wanted.shape),
+            restored.tree,
+            params[part],
+        )
+        params = {**params, part: meshes.replicate(mesh, found)}
+        _say(f"{part} from {folder} at update {restored.step:,}")
+    return params
+
+
+def _say(line: str) -> None:
+    console = rich_console.Console(stderr=True)
+    console.print(line, highlight=False, markup=False)
 
 
 def _check_folder(folder: pathlib.Path, experiment: Experiment) -> None:

@@ -184,7 +184,7 @@ def _play(
         params, world.memory, observation
     )
     action, note = _each(env, choose, (0, 0))(output, _keys(env, world.state, key))
-    act = (action,) if _is_multi_agent(env) else action
+    act = (action,) if is_multi_agent(env) else action
     state, timestep = env.step(bank, world.state, act)
     mask = timestep.acted & ~world.ended
     ended = rollout.has_ended(timestep) & ~world.ended
@@ -229,7 +229,7 @@ def greedy(agent: Agent, env: Environment) -> Callable[[PyTree, Array], Driver]:
             step = _each(env, agent.step, (None, 0, 0))
             memory, output = step(params, memory, observation)
             action = _each(env, lambda output: output.policy.mode(), (0,))(output)
-            if not _is_multi_agent(env):
+            if not is_multi_agent(env):
                 return memory, action
             here = state.controlled & state.motion.valid
             return _where(here, memory, _memory(env, agent, len(here))), (action,)
@@ -245,7 +245,7 @@ def action_spec(env: Environment) -> ActionSpec:
     Raises:
         ValueError: if there are several teams, whose actions may differ.
     """
-    if not _is_multi_agent(env):
+    if not is_multi_agent(env):
         return env.action_spec
     if len(env.action_spec) != 1:
         raise ValueError(
@@ -256,18 +256,19 @@ def action_spec(env: Environment) -> ActionSpec:
 
 def first_actor(env: Environment, observation: Observation) -> Observation:
     """Returns what the first actor sees."""
-    if not _is_multi_agent(env):
+    if not is_multi_agent(env):
         return observation
     return jax.tree.map(lambda leaf: leaf[0], observation)
 
 
-def _is_multi_agent(env: Environment) -> bool:
+def is_multi_agent(env: Environment) -> bool:
+    """Tells whether every object is an actor, or the ego alone."""
     return isinstance(env.action_spec, tuple)
 
 
 def _each(env: Environment, function: Callable, axes: tuple) -> Callable:
     """Returns a function of one actor for all of a world."""
-    return jax.vmap(function, in_axes=axes) if _is_multi_agent(env) else function
+    return jax.vmap(function, in_axes=axes) if is_multi_agent(env) else function
 
 
 def _memory(env: Environment, agent: Agent, num_objects: int) -> Memory:
@@ -277,11 +278,11 @@ def _memory(env: Environment, agent: Agent, num_objects: int) -> Memory:
         return jnp.broadcast_to(leaf[None], (num_objects, *leaf.shape))
 
     memory = agent.memory()
-    return jax.tree.map(of_all, memory) if _is_multi_agent(env) else memory
+    return jax.tree.map(of_all, memory) if is_multi_agent(env) else memory
 
 
 def _keys(env: Environment, state: State, key: PRNGKeyArray) -> PRNGKeyArray:
-    return jax.random.split(key, len(state.admitted)) if _is_multi_agent(env) else key
+    return jax.random.split(key, len(state.admitted)) if is_multi_agent(env) else key
 
 
 def _masked(timestep: Timestep, mask: Bool[Array, "*actors"]) -> dict[str, Measure]:

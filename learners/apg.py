@@ -108,9 +108,16 @@ def analytic_policy_gradient(
             worlds=acting.start(env, agent, bank, share, worlds_key, per_stratum),
         )
 
-    def update(
+    def act(
         train_state: TrainState, bank: Bank, axis_name: str
+    ) -> tuple[TrainState, tuple[()]]:
+        del bank, axis_name  # acting is part of what is differentiated
+        return train_state, ()
+
+    def learn(
+        train_state: TrainState, experience: tuple[()], bank: Bank, axis_name: str
     ) -> tuple[TrainState, Metrics]:
+        del experience
         key, drive_key = jax.random.split(train_state.key)
         share = strata.share(config.strata, axis_name)
         train_state, metrics, worlds = optim.descend(
@@ -125,4 +132,4 @@ def analytic_policy_gradient(
         )
         return train_state.replace(worlds=worlds), metrics
 
-    return Learner(init=init, update=update)
+    return Learner(init=init, act=act, learn=learn)

@@ -22,6 +22,7 @@ class Mean(Record):
 
 
 Metrics = dict[str, Mean]
+Experience = PyTree[Array]  # what a learner learns from, of one device
 
 
 def one(value: ArrayLike) -> Mean:
@@ -46,13 +47,22 @@ class TrainState(Record):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Learner:
-    """A pair of pure functions, which run on each device of a mesh axis.
+    """Pure functions, which run on each device of a mesh axis.
 
-    `init(key, bank, axis_name)` is the state before the first update, and
-    `update(train_state, bank, axis_name)` the state after one more, with metrics. Both
-    see that device's share of the bank, and return the same on all devices but for the
-    worlds.
+    `init(key, bank, axis_name)` is the state before the first update. An update acts,
+    then learns: `act(train_state, bank, axis_name)` gathers experience, and
+    `learn(train_state, experience, bank, axis_name)` gives the state after one more
+    update, with metrics. All see that device's share of the bank, and return the same
+    on all devices but for worlds and experience.
     """
 
     init: Callable[[Key[Array, ""], Bank, str], TrainState]
-    update: Callable[[TrainState, Bank, str], tuple[TrainState, Metrics]]
+    act: Callable[[TrainState, Bank, str], tuple[TrainState, Experience]]
+    learn: Callable[[TrainState, Experience, Bank, str], tuple[TrainState, Metrics]]
+
+    def update(
+        self, train_state: TrainState, bank: Bank, axis_name: str
+    ) -> tuple[TrainState, Metrics]:
+        """Acts and learns."""
+        train_state, experience = self.act(train_state, bank, axis_name)
+        return self.learn(train_state, experience, bank, axis_name)

@@ -58,20 +58,25 @@ def behavior_cloning(
             key=key,
         )
 
-    def update(
+    def act(
         train_state: TrainState, bank: Bank, axis_name: str
-    ) -> tuple[TrainState, Metrics]:
+    ) -> tuple[TrainState, Demonstration]:
         key, batch_key = jax.random.split(train_state.key)
         share = strata.share(config.strata, axis_name)
         per_stratum = config.batch_size // config.strata
         batch = draw(sample, bank, share, batch_key, per_stratum)
-        train_state = train_state.replace(key=key)
+        return train_state.replace(key=key), batch
+
+    def learn(
+        train_state: TrainState, batch: Demonstration, bank: Bank, axis_name: str
+    ) -> tuple[TrainState, Metrics]:
+        del bank
         train_state, metrics, _ = optim.descend(
             optimizer, train_state, axis_name, loss, batch
         )
         return train_state, metrics
 
-    return Learner(init=init, update=update)
+    return Learner(init=init, act=act, learn=learn)
 
 
 def draw(

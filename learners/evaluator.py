@@ -13,7 +13,7 @@ from ..sim.env.base import Driver, Environment
 from ..sim.env.rollout import Rollout, rollout
 from ..sim.metrics import aggregate
 from ..sim.metrics.aggregate import Episode
-from . import mesh as meshes
+from . import acting, mesh as meshes
 
 BATCH = 16  # worlds that play side by side on a device
 CALL = 4 * BATCH  # worlds of a device in one call of the program
@@ -24,6 +24,14 @@ Evaluator = Callable[[PyTree, Bank, PRNGKeyArray, Callable[[int], None]], PyTree
 def figures(steps: Rollout) -> Episode:
     """Returns the figures of the ego's episode."""
     return aggregate.summarize(steps.measures)
+
+
+def figures_of(env: Environment) -> Callable[[Rollout], Episode]:
+    """Returns what makes figures of a task's episodes: the ego's, or each object's."""
+    if not acting.is_multi_agent(env):
+        return figures
+    of_each = jax.vmap(aggregate.summarize, in_axes=1)
+    return lambda steps: of_each(steps.measures)
 
 
 def compile_evaluator(

@@ -4,6 +4,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..agents.distributions import ActionValues, Categorical, Distribution, TanhMixture
+from ..agents.factored import FactoredCategorical
 from ..sim.dynamics.base import Action
 from .base import Mean
 
@@ -28,7 +29,7 @@ def imitation_error(
     """
     mode = policy.mode()
     match policy:
-        case Categorical() | ActionValues():
+        case Categorical() | FactoredCategorical() | ActionValues():
             return {"accuracy": (mode == action).astype(jnp.float32)}
         case TanhMixture(bounds=bounds):
             span = jnp.array(bounds.high) - jnp.array(bounds.low)

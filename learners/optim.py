@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
@@ -11,6 +11,7 @@ import optax
 from jaxtyping import Array
 
 from ..agents.base import Params
+from ..sim import names
 from . import strata
 from .base import Metrics, TrainState, one
 
@@ -27,6 +28,9 @@ class OptimizerConfig:
     warmup_updates: int = 0  # with a rate growing linearly from zero
     decay_updates: int | None = None  # in all, along a cosine to zero; None: no decay
     max_gradient_norm: float = 10.0  # gradients longer than this are shortened to it
+    # Of parts of the parameters, such as encoder or encoder/tokens, the multiple of the
+    # learning rate; 0 freezes a part. The longest name that fits a parameter decides.
+    part_rates: dict[str, float] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Checks the ranges.
@@ -39,6 +43,11 @@ class OptimizerConfig:
                 f"learning_rate and max_gradient_norm must be positive, got "
                 f"{self.learning_rate} and {self.max_gradient_norm}."
             )
+        for part, rate in self.part_rates.items():
+            if not 0 <= rate < math.inf:
+                raise ValueError(
+                    f"part_rates must be at least 0 and finite, got {rate} for {part}."
+                )
         if self.warmup_updates < 0:
             raise ValueError(
                 f"warmup_updates must not be negative, got {self.warmup_updates}."
@@ -76,9 +85,36 @@ def adam(config: OptimizerConfig) -> Optimizer:
             config.decay_updates,
         )
     transformation = optax.chain(
-        optax.clip_by_global_norm(config.max_gradient_norm), optax.adam(learning_rate)
+        _scaled({part: float(rate > 0) for part, rate in config.part_rates.items()}),
+        optax.clip_by_global_norm(config.max_gradient_norm),
+        optax.adam(learning_rate),
+        _scaled(config.part_rates),
     )
     return Optimizer(transformation=transformation, learning_rate=learning_rate)
+
+
+def _scaled(rates: Mapping[str, float]) -> optax.GradientTransformation:
+    """Scales the parts of an update; what no rate names stays as it is."""
+    if not rates:
+        return optax.identity()
+
+    def update(updates: Any, state: Any, params: Any = None) -> tuple[Any, Any]:
+        del params
+        used: set[str] = set()
+
+        def scale(path: tuple[Any, ...], leaf: Array) -> Array:
+            name = jax.tree_util.keystr(path, simple=True, separator="/")
+            fitting = [part for part in rates if f"{name}/".startswith(f"{part}/")]
+            used.update(fitting)
+            return leaf * rates[max(fitting, key=len)] if fitting else leaf
+
+        scaled = jax.tree_util.tree_map_with_path(scale, updates)
+        for part in rates:
+            if part not in used:
+                raise names.unknown("part in part_rates", part, sorted(updates))
+        return scaled, state
+
+    return optax.GradientTransformation(lambda params: optax.EmptyState(), update)
 
 
 def descend(

@@ -3,7 +3,7 @@
 import jax
 from jaxtyping import Array, Key
 
-from .base import Bank, Learner, Metrics, TrainState
+from .base import Bank, Experience, Learner, Metrics, TrainState
 
 # Where the seeds lie in a train state: behind the strata in the worlds, which are
 # shared out among devices along their first axis, and first in all else.
@@ -29,16 +29,25 @@ def side_by_side(learner: Learner) -> Learner:
             keys
         )
 
-    def update(
+    def act(
         train_state: TrainState, bank: Bank, axis_name: str
-    ) -> tuple[TrainState, Metrics]:
+    ) -> tuple[TrainState, Experience]:
         return jax.vmap(
-            lambda state: learner.update(state, bank, axis_name),
+            lambda state: learner.act(state, bank, axis_name),
             in_axes=(AXES,),
             out_axes=(AXES, 0),
         )(train_state)
 
-    return Learner(init=init, update=update)
+    def learn(
+        train_state: TrainState, experience: Experience, bank: Bank, axis_name: str
+    ) -> tuple[TrainState, Metrics]:
+        return jax.vmap(
+            lambda state, seen: learner.learn(state, seen, bank, axis_name),
+            in_axes=(AXES, 0),
+            out_axes=(AXES, 0),
+        )(train_state, experience)
+
+    return Learner(init=init, act=act, learn=learn)
 
 
 def one_of(train_state: TrainState, number: int) -> TrainState:

@@ -29,6 +29,7 @@ class Discrete:
     """Actions are integers from 0 to `num_actions - 1`."""
 
     num_actions: int
+    bins: tuple[int, ...] = ()  # of what the numbers stand for; their product
 
 
 ActionSpec = Continuous | Discrete

@@ -71,7 +71,7 @@ def discretize(dynamics: Dynamics, bins: tuple[int, ...]) -> Dynamics:
 
     return Dynamics(
         f"{dynamics.name}_discrete",
-        Discrete(math.prod(bins)),
+        Discrete(math.prod(bins), bins),
         forward,
         inverse,
         coast,

@@ -1,5 +1,7 @@
 """Tests of the agent as a whole: pure, and true to its action spec."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,10 +11,15 @@ from drivetrain.agents import build
 from drivetrain.agents.base import Agent
 from drivetrain.agents.build import AgentConfig
 from drivetrain.agents.distributions import Categorical, TanhMixture
+from drivetrain.agents.encoders.flat import FlatConfig
+from drivetrain.agents.encoders.wayformer import WayformerConfig
 from drivetrain.sim.dynamics.base import Continuous, Discrete
 from drivetrain.sim.observations.base import TokenGroup
 
-SMALL = AgentConfig(width=8, num_heads=2, num_layers=1, num_latents=2, hidden_width=8)
+SMALL = AgentConfig(
+    encoder=WayformerConfig(width=8, num_heads=2, num_layers=1, num_latents=2),
+    hidden_width=8,
+)
 BOUNDS = Continuous(low=(-6.0, -0.3), high=(6.0, 0.3))
 OBSERVATION = {
     "ego": TokenGroup(values=jnp.ones((1, 3, 4)), mask=jnp.ones((1, 3), bool))
@@ -60,13 +67,58 @@ def test_the_key_decides_the_parameters() -> None:
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        ({"width": 10, "num_heads": 4}, "num_heads must divide width"),
-        ({"num_latents": 0}, "num_latents must be at least 1, got 0"),
+        ({"hidden_width": 0}, "hidden_width must be at least 1, got 0"),
+        ({"memory_width": -1}, "memory_width must be at least 0, got -1"),
     ],
 )
 def test_impossible_sizes_are_refused(fields: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        build.build(AgentConfig(**fields), OBSERVATION, Discrete(5))
+        AgentConfig(**fields)
+
+
+@pytest.mark.parametrize("dueling", [False, True])
+def test_action_values_are_greedy_policies(dueling: bool) -> None:
+    config = dataclasses.replace(SMALL, dueling=dueling)
+    agent = build.build(config, OBSERVATION, Discrete(5), "action_values")
+    params = agent.init(jax.random.key(0))
+    _, output = agent.step(params, agent.memory(), OBSERVATION)
+    assert output.policy.values.shape == (5,)
+    assert output.policy.mode() == jnp.argmax(output.policy.values)
+
+
+def test_critics_share_all_but_the_last_layer_with_the_policy() -> None:
+    alone = build.build(SMALL, OBSERVATION, Discrete(5))
+    both = build.build(SMALL, OBSERVATION, Discrete(5), "actor_critic")
+    shapes = [jax.eval_shape(a.init, jax.random.key(0)) for a in (alone, both)]
+    assert shapes[1].pop("critic")
+    assert shapes[0] == shapes[1]
+
+
+def test_memory_of_the_last_step_changes_the_next_and_starts_at_zero() -> None:
+    config = AgentConfig(
+        encoder=FlatConfig(widths=(8,)), num_hidden_layers=0, memory_width=6
+    )
+    agent = build.build(config, OBSERVATION, Discrete(5))
+    params = agent.init(jax.random.key(0))
+    np.testing.assert_array_equal(agent.memory(), np.zeros(6))
+    memory, first = agent.step(params, agent.memory(), OBSERVATION)
+    _, second = agent.step(params, memory, OBSERVATION)
+    assert (first.policy.logits != second.policy.logits).all()
+
+
+def test_factored_actions_have_a_softmax_for_each_number() -> None:
+    config = dataclasses.replace(SMALL, factored=True)
+    agent = build.build(config, OBSERVATION, Discrete(15, (3, 5)))
+    params = agent.init(jax.random.key(0))
+    _, output = agent.step(params, agent.memory(), OBSERVATION)
+    assert [len(logits) for logits in output.policy.logits] == [3, 5]
+
+
+@pytest.mark.parametrize("kind", ["policy", "action_values"])
+def test_heads_for_numbered_actions_refuse_others(kind: build.Kind) -> None:
+    config = dataclasses.replace(SMALL, factored=True)
+    with pytest.raises(ValueError, match="bicycle_discrete"):
+        build.build(config, OBSERVATION, BOUNDS, kind)
 
 
 def test_bounds_that_enclose_nothing_are_refused() -> None:

@@ -24,15 +24,20 @@ def counting_learner(traces: list[None]) -> Learner:
         step = jnp.zeros((), jnp.int32)
         return TrainState(params=jnp.zeros(()), opt_state=(), step=step, key=key)
 
-    def update(
+    def act(
         train_state: TrainState, bank: Bank, axis_name: str
+    ) -> tuple[TrainState, tuple[()]]:
+        return train_state, ()
+
+    def learn(
+        train_state: TrainState, experience: tuple[()], bank: Bank, axis_name: str
     ) -> tuple[TrainState, Metrics]:
         traces.append(None)
         params = train_state.params + jax.lax.psum(bank["value"], axis_name)
         moved = train_state.replace(params=params, step=train_state.step + 1)
         return moved, {"step": one(train_state.step)}
 
-    return Learner(init=init, update=update)
+    return Learner(init=init, act=act, learn=learn)
 
 
 def test_a_call_makes_all_its_updates_and_shows_the_metrics_of_each() -> None:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from drivetrain.agents import build as agents
 from drivetrain.agents.base import Agent, Memory, Output
 from drivetrain.agents.distributions import Categorical
+from drivetrain.agents.encoders.wayformer import WayformerConfig
 from drivetrain.sim.data.stratum import Stratum
 from drivetrain.sim.dynamics.base import ActionSpec, Discrete
 from drivetrain.sim.env.demonstrations import Demonstration, Sample
@@ -15,10 +16,7 @@ from drivetrain.sim.observations.base import Observation, TokenGroup
 
 NUM_TOKENS, NUM_STEPS, NUM_FEATURES = 6, 4, 2
 SMALL = agents.AgentConfig(
-    width=16,
-    num_heads=2,
-    num_layers=1,
-    num_latents=2,
+    encoder=WayformerConfig(width=16, num_heads=2, num_layers=1, num_latents=2),
     hidden_width=16,
     num_hidden_layers=2,
     num_components=3,

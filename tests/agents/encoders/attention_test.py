@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from flax import nnx
 
 from drivetrain.agents.encoders.attention import Attention, AttentionBlock
@@ -19,9 +20,9 @@ def attention() -> Attention:
     return module
 
 
-def inputs() -> tuple[jax.Array, jax.Array, jax.Array]:
+def inputs(num_queries: int = 4) -> tuple[jax.Array, jax.Array, jax.Array]:
     query_key, token_key = jax.random.split(jax.random.key(1))
-    queries = 2 * jax.random.normal(query_key, (4, WIDTH))
+    queries = 2 * jax.random.normal(query_key, (num_queries, WIDTH))
     tokens = 2 * jax.random.normal(token_key, (7, WIDTH))
     return queries, tokens, jnp.array([1, 1, 0, 1, 0, 1, 1], bool)
 
@@ -45,8 +46,10 @@ def textbook(module: Attention, queries, tokens, mask) -> np.ndarray:
     return project(module.out, np.concatenate(heads, axis=1))
 
 
-def test_attention_is_that_of_the_textbook() -> None:
-    module, arguments = attention(), inputs()
+# Few queries meet tokens as they are, many meet them projected.
+@pytest.mark.parametrize("num_queries", [4, 40])
+def test_attention_is_that_of_the_textbook(num_queries: int) -> None:
+    module, arguments = attention(), inputs(num_queries)
     expected = textbook(module, *arguments)
     np.testing.assert_allclose(module(*arguments), expected, atol=ROUNDING)
 
@@ -56,15 +59,17 @@ def test_large_scores_stay_finite() -> None:
     assert jnp.isfinite(module(1e3 * queries, 1e3 * tokens, mask)).all()
 
 
-def test_without_any_token_the_output_is_the_bias() -> None:
-    module, (queries, tokens, mask) = attention(), inputs()
+@pytest.mark.parametrize("num_queries", [4, 40])
+def test_without_any_token_the_output_is_the_bias(num_queries: int) -> None:
+    module, (queries, tokens, mask) = attention(), inputs(num_queries)
     gathered = module(queries, tokens, jnp.zeros_like(mask))
     expected = jnp.broadcast_to(module.out.bias[...], gathered.shape)
     np.testing.assert_array_equal(gathered, expected)
 
 
-def test_gradients_without_any_token_are_finite() -> None:
-    module, (queries, tokens, mask) = attention(), inputs()
+@pytest.mark.parametrize("num_queries", [4, 40])
+def test_gradients_without_any_token_are_finite(num_queries: int) -> None:
+    module, (queries, tokens, mask) = attention(), inputs(num_queries)
     graphdef, state = nnx.split(module)
 
     def total(state, queries, tokens):
