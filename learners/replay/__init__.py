@@ -1,0 +1,1 @@
+"""Remembers transitions on the device, to learn from them again."""
