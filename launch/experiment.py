@@ -135,7 +135,8 @@ def agent(experiment: Experiment, env: Environment, bank: Bank) -> Agent:
         return acting.first_actor(env, env.observe(bank, state))
 
     observation = jax.eval_shape(first_observation, bank)
-    return agents.build(experiment.agent, observation, acting.action_spec(env))
+    spec, kind = acting.action_spec(env), learners.kind_of(experiment.learner)
+    return agents.build(experiment.agent, observation, spec, kind)
 
 
 def learner(experiment: Experiment, env: Environment, agent: Agent) -> Learner:

@@ -64,7 +64,10 @@ def start(
         worlds = jax.vmap(begin, in_axes=(None, None, None, None, 0))
         return worlds(env, agent, bank, stratum, keys)
 
-    return jax.vmap(of_stratum)(share.stratum, share.keys(key))
+    worlds = jax.vmap(of_stratum)(share.stratum, share.keys(key))
+    # What is the same in every world, such as that no episode is over, is so by chance:
+    # chosen by what differs from device to device, it counts as each device's own.
+    return _where(share.number >= 0, worlds, worlds)
 
 
 def drive(

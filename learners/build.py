@@ -1,14 +1,21 @@
 """Builds a learner from its config."""
 
 from ..agents.base import Agent
+from ..agents.build import Kind
 from ..sim.env.base import Environment
 from ..sim.env.demonstrations import Sample
 from . import optim
 from .apg import AnalyticConfig, analytic_policy_gradient
 from .base import Learner
 from .bc import CloningConfig, behavior_cloning
+from .dqn import DQNConfig, double_dqn
 
-LearnerConfig = CloningConfig | AnalyticConfig
+LearnerConfig = CloningConfig | DQNConfig | AnalyticConfig
+
+
+def kind_of(config: LearnerConfig) -> Kind:
+    """Returns what a learner asks of its agent."""
+    return "action_values" if isinstance(config, DQNConfig) else "policy"
 
 
 def build(
@@ -29,5 +36,7 @@ def build(
     match config:
         case CloningConfig():
             return behavior_cloning(agent, sample, optimizer, config)
+        case DQNConfig():
+            return double_dqn(agent, env, sample, optimizer, config)
         case AnalyticConfig():
             return analytic_policy_gradient(env, agent, optimizer, config)

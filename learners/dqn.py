@@ -90,6 +90,11 @@ class DQNConfig(optim.OptimizerConfig, ExperienceConfig):
             )
 
     @property
+    def num_steps(self) -> int:
+        """How many steps of worlds an update plays."""
+        return self.num_worlds * self.steps_per_update
+
+    @property
     def ratio(self) -> fractions.Fraction:
         """The exact number that `samples_per_insertion` is written as."""
         return fractions.Fraction(str(self.samples_per_insertion))
@@ -153,29 +158,39 @@ def double_dqn(
             worlds=collector.begin(params, bank, share, worlds_key),
         )
 
-    def update(
+    def act(
         train_state: TrainState, bank: Bank, axis_name: str
-    ) -> tuple[TrainState, Metrics]:
-        key, act_key, learn_key = jax.random.split(train_state.key, 3)
-        share = strata.share(config.strata, axis_name)
-        kept, num_updates = train_state.kept, train_state.step
-        epsilon = _epsilon(config, kept.num_env_steps)
+    ) -> tuple[TrainState, tuple[Int[Array, ""], Metrics]]:
+        key, act_key = jax.random.split(train_state.key)
+        epsilon = _epsilon(config, train_state.kept.num_env_steps)
         worlds, added, metrics = collector.act(
             train_state.params,
             _explore(epsilon, env.action_spec.num_actions),
             bank,
-            share,
+            strata.share(config.strata, axis_name),
             train_state.worlds,
             act_key,
         )
+        return train_state.replace(key=key, worlds=worlds), (added, metrics)
+
+    def learn(
+        train_state: TrainState,
+        gathered: tuple[Int[Array, ""], Metrics],
+        bank: Bank,
+        axis_name: str,
+    ) -> tuple[TrainState, Metrics]:
+        key, learn_key = jax.random.split(train_state.key)
+        share = strata.share(config.strata, axis_name)
+        kept, worlds = train_state.kept, train_state.worlds
+        num_updates, epsilon = train_state.step, _epsilon(config, kept.num_env_steps)
         num_items = jnp.sum(jax.vmap(lambda replay: replay.num_items)(worlds.replay))
-        added, num_items, metrics = jax.lax.psum((added, num_items, metrics), axis_name)
+        (added, metrics), num_items = jax.lax.psum((gathered, num_items), axis_name)
         num_steps, owed = _due(config, kept.owed, added, num_items)
         kept = kept.replace(num_env_steps=kept.num_env_steps + added, owed=owed)
 
-        learn = _gradient_step(agent, sample, optimizer, config, bank, share, axis_name)
+        step = _gradient_step(agent, sample, optimizer, config, bank, share, axis_name)
         before = train_state.replace(key=learn_key, kept=kept, worlds=worlds.replay)
-        after, learned = _repeat(learn, num_steps, before)
+        after, learned = _repeat(step, num_steps, before)
         train_state = after.replace(
             step=num_updates + 1, key=key, worlds=worlds.replace(replay=after.worlds)
         )
@@ -188,7 +203,7 @@ def double_dqn(
         counts = {name: one(count) for name, count in counts.items()}
         return train_state, metrics | learned | counts
 
-    return Learner(init=init, update=update)
+    return Learner(init=init, act=act, learn=learn)
 
 
 def _check(agent: Agent, env: Environment) -> None:
