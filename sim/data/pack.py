@@ -23,7 +23,15 @@ from ..scenario import (
 from . import edge_index, edge_sides, log_rows, routes, tiles, timeline as timelines
 from .feasibility import goal_feasible
 from .lane_directions import lane_directions, stop_sign_directions
-from .packed import JOINED, LIGHT_VALID, LIMIT_QUANTUM, QUANTUM, YAW_QUANTUM, Packed
+from .packed import (
+    JOINED,
+    LIGHT_VALID,
+    LIMIT_QUANTUM,
+    LISTED,
+    QUANTUM,
+    YAW_QUANTUM,
+    Packed,
+)
 from .parts import seen_lights
 from .simplify import kept_points
 from .timeline import Timeline
@@ -130,7 +138,7 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
         index_corner=index.corner.astype(np.float32),
         index_shape=index.shape,
         index_nodes=index.nodes,
-        index_blocks=index.blocks.astype(np.uint16),
+        index_blocks=_in_rows(index.blocks.astype(np.uint16)),
         num_index_dropped=index.num_dropped,
         tile_corner=tiling.corner,
         tile_shape=tiling.shape,
@@ -215,6 +223,11 @@ def _encode_turns(yaw, velocity, quantize: bool):
         velocity = np.round(np.clip(velocity, -limit, limit) / QUANTUM).astype(np.int16)
     stored_yaw = _encode_yaw(yaw, quantize)[:, None]
     return np.concatenate([stored_yaw, velocity.astype(stored_yaw.dtype)], axis=1)
+
+
+def _in_rows(candidates):
+    """Lays the lists of the index out in rows, the last one filled up with zeros."""
+    return np.pad(candidates, (0, -len(candidates) % LISTED)).reshape(-1, LISTED)
 
 
 def _map(roads: Polylines, scale: _Scale, config: PackConfig):

@@ -13,6 +13,7 @@ LIGHT_VALID = 16  # added to the state of a light that was seen
 QUANTUM = 0.01  # metres, and metres per second
 YAW_QUANTUM = 2 * np.pi / 2**16  # radians
 LIMIT_QUANTUM = 0.25  # metres per second, of speed limits
+LISTED = 8  # candidates in a row of `index_blocks`: so many fewer rows to number
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,7 +54,7 @@ class Packed:
     index_corner: Float[np.ndarray, " 2"]
     index_shape: Integer[np.ndarray, " 2"]
     index_nodes: Integer[np.ndarray, " nodes"]
-    index_blocks: Integer[np.ndarray, " candidates"]
+    index_blocks: Integer[np.ndarray, "rows candidates"]  # lists, LISTED to a row
     num_index_dropped: int
     tile_corner: Float[np.ndarray, " 2"]
     tile_shape: Integer[np.ndarray, " 2"]

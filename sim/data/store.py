@@ -24,7 +24,7 @@ from .. import files
 from .entry import Entry
 from .packed import Packed
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 MANIFEST = "manifest.json"
 WRITER_OPTIONS = "group_size:1,zstd:3"
 _DTYPES = "bool float32 float64 int8 int16 int32 int64 uint8 uint16 uint32".split()
