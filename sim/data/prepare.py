@@ -2,15 +2,13 @@
 
 import concurrent.futures
 import dataclasses
-import importlib.metadata
-import json
 import pathlib
 import queue
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from . import shard as shards, store, workers
+from . import plan as plans, shard as shards, store, workers
 from .inputs import Input
 from .pack import PackConfig
 from .packed import QUANTUM
@@ -18,9 +16,7 @@ from .shard import Job, RecordError
 
 SHARD_BYTES = 2**26  # of input files per shard; a larger file makes a shard of its own
 SHARD_SEEDS = 256  # of the generator per shard
-PLAN = "plan.json"
 PATIENCE = 0.2  # seconds between looks at the workers
-VERSIONS = ("drivetrain", "numpy", "array-record")
 
 Tick = Callable[[int, int], None]
 
@@ -66,11 +62,12 @@ def prepare(
     Raises:
         RecordError: on the first bad record of a strict run, or if no record is usable;
             then nothing is left behind but what an earlier run had finished.
-        FileExistsError: if the folder holds something else, or a store of other inputs
-            or settings.
+        FileExistsError: if the folder holds something else, or a store of other inputs,
+            settings or versions.
+        StoreError: if the plan of an earlier run is damaged.
         WorkerError: if a worker was killed.
     """
-    is_new = _claim(out, _plan(inputs, config))
+    is_new = plans.claim(out, plans.plan_of(inputs, config))
     jobs = [
         Job(out / f"shard-{number:05d}.array_record", group, config, strict)
         for number, group in enumerate(_groups(inputs))
@@ -114,7 +111,7 @@ def _manifest(
     entries = [entry for shard in made for entry in shard["scenarios"]]
     return {
         "format_version": store.FORMAT_VERSION,
-        "versions": {name: importlib.metadata.version(name) for name in VERSIONS},
+        "versions": plans.versions(),
         "pack": dataclasses.asdict(config),
         "num_scenarios": len(entries),
         "num_bad_records": sum(len(shard["bad"]) for shard in made),
@@ -125,37 +122,6 @@ def _manifest(
             for job, shard in zip(jobs, made, strict=True)
         ],
     }
-
-
-def _plan(inputs: Sequence[Input], config: PackConfig) -> dict[str, Any]:
-    """Returns what a store is made of: a store of another plan is another store."""
-    named = [
-        [f"synthetic:{item.start}:{len(item)}", len(item)]
-        if isinstance(item, range)
-        else [str(item.resolve()), item.stat().st_size]
-        for item in inputs
-    ]
-    return {"pack": dataclasses.asdict(config), "inputs": named}
-
-
-def _claim(out: pathlib.Path, plan: dict[str, Any]) -> bool:
-    """Makes the folder of the store, or checks that an earlier run made it.
-
-    Returns:
-        Whether the store is new.
-    """
-    if (out / PLAN).is_file():
-        if json.loads((out / PLAN).read_text()) != plan:
-            raise FileExistsError(
-                f"'{out}' holds a store of other files or settings; name another "
-                "folder, or delete this one first"
-            )
-        return False
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise FileExistsError(f"'{out}' is there and no store; name a new folder")
-    out.mkdir(parents=True, exist_ok=True)
-    store.write_json(out / PLAN, plan)
-    return True
 
 
 def _groups(inputs: Sequence[Input]) -> Iterator[list[Input]]:
@@ -280,6 +246,6 @@ def _work(job: Job, number: int) -> dict[str, Any]:
 
 def _clear(out: pathlib.Path) -> None:
     """Takes back what `prepare` wrote."""
-    for path in [out / PLAN, *out.glob("shard-*")]:
+    for path in [out / plans.PLAN, *out.glob("shard-*")]:
         path.unlink(missing_ok=True)
     out.rmdir()

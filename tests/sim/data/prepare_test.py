@@ -11,7 +11,7 @@ import time
 import orjson
 import pytest
 
-from drivetrain.sim.data import bank, prepare, store
+from drivetrain.sim.data import bank, plan, prepare, store
 from drivetrain.sim.data.pack import PackConfig
 from drivetrain.sim.data.shard import RecordError
 from tests.sim.data import files, protos
@@ -106,7 +106,7 @@ def test_a_cut_leaves_no_half_written_file(paths, out):
 
     names = {path.name for path in out.iterdir()}
     done = {f"shard-0000{i}{end}" for i in (0, 1) for end in (".array_record", ".json")}
-    assert names == {prepare.PLAN} | done
+    assert names == {plan.PLAN} | done
 
 
 def test_a_shard_whose_list_was_not_written_is_made_anew(paths, out):
@@ -196,44 +196,6 @@ def test_without_a_usable_record_there_is_no_store(paths, out):
         prepare.prepare(paths[:1], out, PackConfig())
 
     assert not out.exists()
-
-
-@pytest.mark.parametrize("other", ["fewer files", "order", "settings"])
-def test_a_folder_of_other_files_or_settings_is_left_alone(paths, out, other):
-    prepare.prepare(paths, out, PackConfig())
-    before = contents(out)
-    chosen = {"fewer files": paths[1:], "order": paths[::-1]}.get(other, paths)
-    config = PackConfig(quantize=other != "settings")
-
-    with pytest.raises(FileExistsError, match="other files or settings; name another"):
-        prepare.prepare(chosen, out, config)
-
-    assert contents(out) == before
-
-
-def test_a_file_that_grew_makes_another_store(paths, out):
-    prepare.prepare(paths, out, PackConfig())
-    paths[0].write_bytes(paths[0].read_bytes() * 2)
-
-    with pytest.raises(FileExistsError):
-        prepare.prepare(paths, out, PackConfig())
-
-
-def test_a_folder_of_something_else_is_left_alone(paths, tmp_path):
-    before = contents(tmp_path)
-
-    with pytest.raises(FileExistsError, match="name a new folder"):
-        prepare.prepare(paths, tmp_path, PackConfig())
-    with pytest.raises(FileExistsError, match="name a new folder"):
-        prepare.prepare(paths, paths[0], PackConfig())
-
-    assert contents(tmp_path) == before
-
-
-def test_an_empty_folder_is_taken(paths, out):
-    out.mkdir(parents=True)
-
-    assert prepare.prepare(paths, out, PackConfig()).num_shards == NUM_FILES
 
 
 def test_ids_that_come_twice_are_listed_and_kept(paths, out):
