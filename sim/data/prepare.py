@@ -2,17 +2,20 @@
 
 import concurrent.futures
 import dataclasses
+import itertools
 import pathlib
 import queue
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from . import plan as plans, shard as shards, store, workers
+import numpy as np
+
+from . import plan as plans, shard as shards, store, tally as tallies, workers
 from .inputs import Input
 from .pack import PackConfig
-from .packed import QUANTUM
-from .shard import Job, RecordError
+from .shard import Job, Made, RecordError
+from .tally import Tally
 
 SHARD_BYTES = 2**26  # of input files per shard; a larger file makes a shard of its own
 SHARD_SEEDS = 256  # of the generator per shard
@@ -74,51 +77,68 @@ def prepare(
     ]
     try:
         made, num_continued = _make(jobs, tick, num_workers)
-        bad = [record for shard in made for record in shard["bad"]]
-        if strict and bad:
-            record = bad[0]
-            raise RecordError(
-                f"{record['file']}, record {record['record']}: {record['reason']}"
-            )
-        entries = [entry for shard in made for entry in shard["scenarios"]]
-        if not entries:
-            first = bad[0] if bad else {"file": inputs[0], "reason": "it has no record"}
-            raise RecordError(
-                f"no usable scenario in {len(inputs)} files; the first record left out "
-                f"is of {first['file']}: {first['reason']}"
-            )
+        total = tallies.total([shard.tally for shard in made])
+        _require_usable(total, inputs, strict)
     except RecordError:
         if is_new:
             _clear(out)
         raise
-    store.write_json(out / store.MANIFEST, _manifest(jobs, made, config))
-    counts = Counter(entry["scenario_id"] for entry in entries)
+    store.write_json(out / store.MANIFEST, _manifest(jobs, made, total, config))
     return Summary(
-        num_scenarios=len(entries),
+        num_scenarios=total.num_scenarios,
         num_shards=len(made),
         num_continued=num_continued,
-        num_bytes=sum(entry["num_bytes"] for entry in entries),
-        num_coarse=sum(entry["quantum"] > QUANTUM for entry in entries),
-        num_index_dropped=sum(entry["num_index_dropped"] for entry in entries),
-        bad=bad,
-        duplicates=[name for name, count in counts.items() if count > 1],
+        num_bytes=total.num_bytes,
+        num_coarse=total.num_coarse,
+        num_index_dropped=total.num_index_dropped,
+        bad=total.bad,
+        duplicates=_duplicates(jobs, made, total),
     )
 
 
+def _require_usable(total: Tally, inputs: Sequence[Input], strict: bool) -> None:
+    """Raises if a strict run met a bad record, or there is no scenario."""
+    if strict and total.bad:
+        record = total.bad[0]
+        raise RecordError(
+            f"{record['file']}, record {record['record']}: {record['reason']}"
+        )
+    if not total.num_scenarios:
+        nothing = {"file": inputs[0], "reason": "it has no record"}
+        first = total.bad[0] if total.bad else nothing
+        raise RecordError(
+            f"no usable scenario in {len(inputs)} files; the first record left out "
+            f"is of {first['file']}: {first['reason']}"
+        )
+
+
+def _duplicates(jobs: Sequence[Job], made: Sequence[Made], total: Tally) -> list[str]:
+    """Returns the ids that came more than once, from the lists that have some."""
+    repeated = total.repeated()
+    found: dict[str, None] = {}
+    for job, shard in zip(jobs, made, strict=True):
+        if np.isin(shard.tally.id_hashes, repeated).any():
+            names = [
+                e["scenario_id"] for e in store.read_json(job.listing)["scenarios"]
+            ]
+            is_repeated = np.isin(tallies.hashes(names), repeated)
+            found |= dict.fromkeys(itertools.compress(names, is_repeated))
+    return list(found)
+
+
 def _manifest(
-    jobs: Sequence[Job], made: Sequence[dict[str, Any]], config: PackConfig
+    jobs: Sequence[Job], made: Sequence[Made], total: Tally, config: PackConfig
 ) -> dict[str, Any]:
-    entries = [entry for shard in made for entry in shard["scenarios"]]
     return {
         "format_version": store.FORMAT_VERSION,
         "versions": plans.versions(),
         "pack": dataclasses.asdict(config),
-        "num_scenarios": len(entries),
-        "num_bad_records": sum(len(shard["bad"]) for shard in made),
-        "datasets": dict(Counter(entry["dataset"] for entry in entries)),
-        "route_sources": dict(Counter(entry["route_source"] for entry in entries)),
+        "num_scenarios": total.num_scenarios,
+        "num_bad_records": len(total.bad),
+        "datasets": dict(total.datasets),
+        "route_sources": dict(total.route_sources),
         "shards": [
-            {"name": job.path.name, "sha256": shard["sha256"]}
+            {"name": job.path.name, "sha256": shard.sha256}
             for job, shard in zip(jobs, made, strict=True)
         ],
     }
@@ -148,20 +168,18 @@ def _parts(item: Input) -> Iterator[Input]:
         yield item
 
 
-def _make(
-    jobs: Sequence[Job], tick: Tick, num_workers: int
-) -> tuple[list[dict[str, Any]], int]:
+def _make(jobs: Sequence[Job], tick: Tick, num_workers: int) -> tuple[list[Made], int]:
     """Makes the shards that are not there yet.
 
     Returns:
-        The lists of all shards, and how many were there.
+        All shards, and how many were there.
     """
-    made = {}
+    made: dict[int, Made] = {}
     count = _Count(tick)
     for number, job in enumerate(jobs):
         if (shard := shards.finished(job)) is not None:
             made[number] = shard
-            count.add(number, _num_inputs(job), len(shard["scenarios"]))
+            count.add(number, _num_inputs(job), shard.tally.num_scenarios)
     num_continued = len(made)
     rest = [number for number in range(len(jobs)) if number not in made]
     if num_workers > 1 and len(rest) > 1:
@@ -172,7 +190,7 @@ def _make(
     return [made[number] for number in range(len(jobs))], num_continued
 
 
-def _one(job: Job, number: int, add: Callable[[int, int, int], None]) -> dict[str, Any]:
+def _one(job: Job, number: int, add: Callable[[int, int, int], None]) -> Made:
     """Makes one shard; `add` learns its number and what is done of it."""
     sizes = [len(item) if isinstance(item, range) else 0 for item in job.inputs]
     seeds_before = [sum(sizes[:i]) for i in range(len(sizes))]
@@ -183,7 +201,7 @@ def _one(job: Job, number: int, add: Callable[[int, int, int], None]) -> dict[st
         add(number, done, num_scenarios)
 
     shard = shards.make(job, tick)
-    add(number, _num_inputs(job), len(shard["scenarios"]))
+    add(number, _num_inputs(job), shard.tally.num_scenarios)
     return shard
 
 
@@ -202,6 +220,8 @@ class _Count:
     def add(self, number: int, num_inputs: int, num_scenarios: int) -> None:
         """Notes what is done of one shard."""
         before = self._done.get(number, (0, 0))
+        if (num_inputs, num_scenarios) <= before:
+            return  # news from a worker that came late
         self._done[number] = (num_inputs, num_scenarios)
         self._total[0] += num_inputs - before[0]
         self._total[1] += num_scenarios - before[1]
@@ -210,7 +230,7 @@ class _Count:
 
 def _in_parallel(
     jobs: Sequence[Job], numbers: Sequence[int], count: _Count, num_workers: int
-) -> dict[int, dict[str, Any]]:
+) -> dict[int, Made]:
     news = workers.CONTEXT.Queue()
     with workers.pool(num_workers, _listen, news) as pool:
         futures = {
@@ -223,7 +243,9 @@ def _in_parallel(
             )
             _tell(news, count)
             for future in done:
-                future.result()  # raises what the worker raised
+                shard, number = future.result(), futures[future]  # or what it raised
+                # What the worker said last may still be on its way.
+                count.add(number, _num_inputs(jobs[number]), shard.tally.num_scenarios)
     return {number: future.result() for future, number in futures.items()}
 
 
@@ -240,7 +262,7 @@ def _listen(news: Any) -> None:
     globals()["_news"] = news
 
 
-def _work(job: Job, number: int) -> dict[str, Any]:
+def _work(job: Job, number: int) -> Made:
     return _one(job, number, lambda *found: globals()["_news"].put(found))
 
 

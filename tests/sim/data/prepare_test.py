@@ -119,6 +119,30 @@ def test_a_shard_whose_list_was_not_written_is_made_anew(paths, out):
     assert contents(out) == whole
 
 
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"{", b"[]", b'{"sha256": 3, "bad": [], "scenarios": [{"num_bytes": 1}]}'],
+)
+def test_a_shard_whose_list_is_damaged_is_made_anew(paths, out, content):
+    prepare.prepare(paths, out, PackConfig())
+    whole = contents(out)
+    (out / "shard-00000.json").write_bytes(content)
+
+    assert prepare.prepare(paths, out, PackConfig()).num_continued == NUM_FILES - 1
+    assert contents(out) == whole
+
+
+def test_a_list_that_lost_a_field_of_a_scenario_is_damaged(paths, out):
+    prepare.prepare(paths, out, PackConfig())
+    whole = contents(out)
+    listing = store.read_json(out / "shard-00003.json")
+    del listing["scenarios"][1]["encounter"]
+    store.write_json(out / "shard-00003.json", listing)
+
+    assert prepare.prepare(paths, out, PackConfig()).num_continued == NUM_FILES - 1
+    assert contents(out) == whole
+
+
 def test_a_finished_store_is_left_as_it_is(paths, out):
     prepare.prepare(paths, out, PackConfig())
     before = contents(out)
