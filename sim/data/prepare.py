@@ -3,6 +3,7 @@
 import concurrent.futures
 import dataclasses
 import itertools
+import math
 import pathlib
 import queue
 from collections import Counter
@@ -17,8 +18,11 @@ from .pack import PackConfig
 from .shard import Job, Made, RecordError
 from .tally import Tally
 
-SHARD_BYTES = 2**26  # of input files per shard; a larger file makes a shard of its own
-SHARD_SEEDS = 256  # of the generator per shard
+# The most that a shard is made of; a larger file makes a shard of its own.
+SHARD_BYTES = 2**26  # of input files
+SHARD_SEEDS = 256  # of the generator
+FEW_SHARDS = 32  # of smaller sets: enough for the workers of most machines
+LEAST = 1 / 32  # of the most: 2 MB, 8 seeds
 PATIENCE = 0.2  # seconds between looks at the workers
 
 Tick = Callable[[int, int], None]
@@ -145,25 +149,35 @@ def _manifest(
 
 
 def _groups(inputs: Sequence[Input]) -> Iterator[list[Input]]:
-    """Yields the inputs of each shard: the same inputs make the same shards."""
+    """Yields the inputs of each shard: the same inputs make the same shards.
+
+    However many workers there are, small sets make small shards, so that they share
+    them.
+    """
+    most = min(1.0, max(LEAST, sum(map(_share, inputs)) / FEW_SHARDS))
     group: list[Input] = []
     share = 0.0
-    for item in (part for whole in inputs for part in _parts(whole)):
+    for item in (part for whole in inputs for part in _parts(whole, most)):
         group.append(item)
-        if isinstance(item, range):
-            share += len(item) / SHARD_SEEDS
-        else:
-            share += item.stat().st_size / SHARD_BYTES
-        if share >= 1:
+        share += _share(item)
+        if share >= most:
             yield group
             group, share = [], 0.0
     if group:
         yield group
 
 
-def _parts(item: Input) -> Iterator[Input]:
+def _share(item: Input) -> float:
+    """Returns how much of a full shard an input makes."""
     if isinstance(item, range):
-        yield from (item[i : i + SHARD_SEEDS] for i in range(0, len(item), SHARD_SEEDS))
+        return len(item) / SHARD_SEEDS
+    return item.stat().st_size / SHARD_BYTES
+
+
+def _parts(item: Input, most: float) -> Iterator[Input]:
+    if isinstance(item, range):
+        step = math.ceil(SHARD_SEEDS * most)
+        yield from (item[i : i + step] for i in range(0, len(item), step))
     else:
         yield item
 
