@@ -62,9 +62,9 @@ def paths_of(scenario: Scenario) -> Paths:
     On-route paths come first, and among them those that pass nearest to the logged end:
     where paths run together, the first one counts.
 
-    The source is `lane_graph` or `lane_ends` where there are lanes to follow, and `log`
-    where no such lane lies at the start. Lane ends tell of no neighbours: with them
-    there are no changes later on.
+    The source is that of the route: `lane_graph` or `lane_ends` where lanes lead there,
+    and `log` where the logged track stands in. Lane ends tell of no neighbours: with
+    them there are no changes later on.
     """
     if scenario.paths is not None and scenario.paths.on_route.any():
         return scenario.paths
@@ -80,13 +80,14 @@ def paths_of(scenario: Scenario) -> Paths:
     starts = _starts(graph, logged[0], yaw[0])
     ways = _search(graph, starts, logged[0], length, _resample(track_on, LOG_SPACING))
     found = _distinct([_path(graph, pieces, logged[0], length) for pieces in ways])
-    on_route = _on_route(found, _resample(track, LOG_SPACING), logged[-1], yaw[-1])
-    if not on_route.any():
+    follows = _on_route(found, _resample(track, LOG_SPACING), logged[-1], yaw[-1])
+    on_route = follows
+    if not follows.any():
         of_log = _resample(track_on, SPACING)
         of_log = np.concatenate([of_log, np.zeros((len(of_log), 1))], axis=1)
         found = [of_log, *found][:MAX_PATHS]
         on_route = np.arange(len(found)) == 0
-    if not starts:
+    if not follows.any():
         source = "log"
     else:
         source = "lane_ends" if scenario.lane_links is None else "lane_graph"

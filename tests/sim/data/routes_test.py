@@ -251,7 +251,9 @@ def test_a_lane_the_other_way_is_no_start() -> None:
 def test_where_no_lane_follows_the_log_its_track_is_on_route() -> None:
     ego = np.concatenate([straight(5, 40), left_bend(40, 0, 20)[1:]])
     lanes = {1: straight(0, 40), 2: straight(40, 120)}
-    (log, log_on), (_, ahead_on) = found(scenario_of(lanes, ego, [(1, 2)]))
+    scenario = scenario_of(lanes, ego, [(1, 2)])
+    assert routes.paths_of(scenario).source == "log"
+    (log, log_on), (_, ahead_on) = found(scenario)
     assert (log_on, ahead_on) == (True, False)
     assert log[-1, 1] == pytest.approx(20 + routes.BEYOND, abs=1.0)
 
