@@ -86,7 +86,7 @@ def convert(record: bytes) -> Scenario:
     if root.tag != "commonRoad" or not scenario_id:
         raise ScenarioError("there is no commonRoad with a benchmarkID")
     obstacles = [_obstacle(child) for child in root if child.tag in _OBSTACLES]
-    tracks = _tracks(obstacles)
+    first_step, tracks = _tracks(obstacles)
     ego_index, ego_source = scenario.choose_ego(tracks, None)
     signs = commonroad_signs.read(root)
     lanes = commonroad_map.lanes(root, signs)
@@ -99,7 +99,9 @@ def convert(record: bytes) -> Scenario:
         ego_index=ego_index,
         ego_source=ego_source,
         roads=commonroad_map.roads(root, lanes, signs),
-        lights=commonroad_lights.read(root, lanes, tracks.valid.shape[1]),
+        lights=commonroad_lights.read(
+            root, lanes, first_step + np.arange(tracks.valid.shape[1])
+        ),
         lane_links=commonroad_map.links(lanes, signs),
         assumptions=_ASSUMPTIONS,
     )
@@ -178,8 +180,8 @@ def _size(shape: Element | None, place: str) -> tuple[float, float]:
     return length, width
 
 
-def _tracks(obstacles: Sequence[_Obstacle]) -> Tracks:
-    """Lays the states out over steps."""
+def _tracks(obstacles: Sequence[_Obstacle]) -> tuple[float, Tracks]:
+    """Lays the states out over steps, and returns the file's number of the first."""
     if not obstacles:
         raise ScenarioError("there is no obstacle, so there is no log")
     rows = np.concatenate([item.states for item in obstacles])
@@ -205,7 +207,7 @@ def _tracks(obstacles: Sequence[_Obstacle]) -> Tracks:
         if item.stands:
             grid[i], valid[i] = item.states[0][1:], True
             grid[i, :, 4] = 0.0
-    return Tracks(
+    return float(first), Tracks(
         object_id=np.array([item.object_id for item in obstacles], np.int64),
         object_type=np.array([item.kind for item in obstacles], np.int64),
         xyz=grid[..., :3],

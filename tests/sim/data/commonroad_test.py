@@ -78,6 +78,16 @@ def test_a_log_that_starts_later_starts_at_step_zero(version: str) -> None:
     assert files.differences(converted(root).tracks, plain.tracks) == []
 
 
+def test_lights_of_a_log_that_starts_later_are_later_in_their_cycle() -> None:
+    root = document()
+    plain = converted(root).lights  # of 30 steps, as long as the cycles
+    for time in root.iterfind(".//time/exact"):
+        time.text = str(int(time.text or "") + 7)
+    later = converted(root).lights
+    assert (plain.state != np.roll(plain.state, -7, axis=1)).any()
+    np.testing.assert_array_equal(later.state, np.roll(plain.state, -7, axis=1))
+
+
 @pytest.mark.parametrize(
     ("word", "kind"),
     [
