@@ -23,7 +23,7 @@ from . import (
 from .base import BadRecord, Reader
 
 _NAME = "commonroad"
-_CURRENT_STEP = 10
+_HISTORY = 1.0  # seconds up to the current step
 _HEAD = re.compile(rb"(?:\xef\xbb\xbf)?\s*<(?:.*?<)??commonRoad\b", re.DOTALL)
 _OBSTACLES = ("obstacle", "dynamicObstacle", "staticObstacle")
 _MAX_STEP_LENGTH = 10.0  # seconds
@@ -87,14 +87,15 @@ def convert(record: bytes) -> Scenario:
         raise ScenarioError("there is no commonRoad with a benchmarkID")
     obstacles = [_obstacle(child) for child in root if child.tag in _OBSTACLES]
     first_step, tracks = _tracks(obstacles)
+    dt = _step_length(root)
     ego_index, ego_source = scenario.choose_ego(tracks, None)
     signs = commonroad_signs.read(root)
     lanes = commonroad_map.lanes(root, signs)
     return Scenario(
         scenario_id=scenario_id,
         dataset=_NAME,
-        dt=_step_length(root),
-        current_step=_CURRENT_STEP,
+        dt=dt,
+        current_step=round(_HISTORY / dt),
         tracks=tracks,
         ego_index=ego_index,
         ego_source=ego_source,
