@@ -123,6 +123,7 @@ def _dataset(entries: Sequence[Entry]) -> dict[str, Any]:
         "scenarios": len(entries),
         "steps": [min(steps), max(steps)],
         **{name: total(f"num_{name}") for name in COUNTS},
+        "ego_sources": dict(Counter(entry.ego_source for entry in entries)),
         "route_sources": dict(Counter(entry.route_source for entry in entries)),
         "bytes_per_scenario_mean": float(values(entries, "num_bytes").mean()),
     }
@@ -206,8 +207,11 @@ def lines(figures: dict[str, Any]) -> list[str]:
         f" {_rows_line(figures['womd_training_rows'])}",
     ]
     for row in figures["datasets"]:
-        sources = ", ".join(f"{name} {n:,}" for name, n in row["route_sources"].items())
-        said.append(f"Routes of {row['dataset']} come from: {sources}.")
+        routes, egos = (
+            ", ".join(f"{name} {count:,}" for name, count in row[key].items())
+            for key in ("route_sources", "ego_sources")
+        )
+        said.append(f"{row['dataset']}: routes from {routes}; egos {egos}.")
     for word, count in figures["assumptions"].items():
         said.append(f"Assumed in {count:,} scenario(s): {word}.")
     suspects = figures["suspicious_lights"]

@@ -36,3 +36,12 @@ def test_more_rows_than_a_device_can_number_are_told(entry):
 
     assert "(vertices) has 4.29" in line
     assert "they do not fit, use 2 devices or more" in line
+
+
+def test_the_sources_of_routes_and_egos_are_told_for_each_format(entry):
+    other = dataclasses.replace(entry, dataset="womd_json", ego_source="last")
+
+    lines = summary.lines(summary.summarize([entry, other, other]))
+
+    assert "womd_json: routes from lane_graph 2; egos last 2." in lines
+    assert "synthetic: routes from lane_graph 1; egos marked 1." in lines
