@@ -279,10 +279,11 @@ def num_bytes(scenario: Packed) -> int:
     """Returns how many bytes a bank grows by with the scenario."""
     sizes = Sizes.of([scenario], len(scenario.object_id))
     one, two = (build([scenario] * count, sizes) for count in (1, 2))
-    return _num_bytes(two) - _num_bytes(one)
+    return total_bytes(two) - total_bytes(one)
 
 
-def _num_bytes(bank: Bank) -> int:
+def total_bytes(bank: Bank) -> int:
+    """Returns how many bytes a bank takes, on all devices together."""
     return sum(leaf.nbytes for leaf in jax.tree.leaves(bank))
 
 

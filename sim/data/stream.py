@@ -24,7 +24,7 @@ from .pages import Layout
 class StreamConfig:
     """Whether and how a store streams through the bank."""
 
-    resident: int | None = None  # scenarios in the bank at once; None: all, for good
+    resident: int | None = None  # scenarios in a process's bank; None: all, for good
     pages: int = 8  # of the bank; one is replaced at a time
     updates_per_page: int = 500  # of the learner, after which one is replaced
 
@@ -82,7 +82,7 @@ class Stream:
 
         Args:
             source: a store, and which of its scenarios are wanted.
-            config: `resident` counts the scenarios of all devices together.
+            config: `resident` counts the scenarios of all devices of this process.
             max_objects: of a scenario, those that matter most to the ego.
             num_devices: of this process, that share what is resident.
             seed: of the order.
