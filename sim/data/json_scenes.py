@@ -62,7 +62,7 @@ def convert(record: bytes, fallback_id: str) -> Scenario:
         The scenario, without a lane graph; `scenario.check` has yet to look at it.
 
     Raises:
-        ScenarioError: if the text is no JSON, or not that of WOMD.
+        ScenarioError: if the text is no JSON, or not that of a log of WOMD.
     """
     document = _document(record)
     metadata = _mapping(document, "metadata")
@@ -115,6 +115,11 @@ def _lack(records: list[Any], name: str) -> bool:
 def _document(record: bytes) -> dict[str, Any]:
     """Parses the text and finds the two lists that there must be."""
     document = json_values.document(record, "the text")
+    if isinstance(document, dict) and "lane_segments" in document:
+        raise ScenarioError(
+            "this is the map of an Argoverse 2 log; name the .parquet file beside it, "
+            "which finds its map itself"
+        )
     for name in ("objects", "roads"):
         if not isinstance(document, dict) or not isinstance(document.get(name), list):
             raise ScenarioError(f"there is no list '{name}': this is no JSON of WOMD")

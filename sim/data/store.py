@@ -144,6 +144,11 @@ def read_manifest(path: pathlib.Path) -> dict[str, Any]:
         raise FileNotFoundError(
             f"no store at '{path}'; make one with 'drivetrain prepare FILES {path}'"
         )
+    if path.is_file():
+        raise FileNotFoundError(
+            f"'{path}' is a file, and a store is a folder; make one of logs with "
+            "'drivetrain prepare FILES STORE'"
+        )
     if not is_store(path):
         if not any(path.glob("shard-*")):
             raise FileNotFoundError(

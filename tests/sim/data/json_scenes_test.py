@@ -152,6 +152,12 @@ def test_text_that_is_no_json_of_womd_is_an_error(text: bytes) -> None:
         json_scenes.convert(text, fallback_id="file")
 
 
+def test_a_map_of_argoverse_is_answered_with_what_to_name() -> None:
+    text = orjson.dumps({"lane_segments": {}, "drivable_areas": {}})
+    with pytest.raises(ScenarioError, match=r"name the \.parquet file beside it"):
+        json_scenes.convert(text, fallback_id="file")
+
+
 @pytest.mark.parametrize("name", ["scene.json", "scene.json.gz", "scene"])
 def test_a_file_names_the_scenario_that_has_no_id(
     tmp_path: pathlib.Path, name: str

@@ -173,6 +173,17 @@ def test_nothing_found_names_the_query(tmp_path: pathlib.Path):
         loader.load(source)
 
 
+@pytest.mark.parametrize("is_store", [True, False])
+def test_an_unknown_dataset_is_answered_with_those_that_are_there(tmp_path, is_store):
+    path = "synthetic:0:2"
+    if is_store:
+        path = str(tmp_path / "store")
+        prepare.prepare([range(2)], tmp_path / "store", PackConfig())
+    source = loader.Source(path=path, query=Query(dataset="bogus"))
+    with pytest.raises(loader.SourceError, match=r"; datasets in it: synthetic\.$"):
+        loader.load(source)
+
+
 def test_a_missing_list_is_named(tmp_path: pathlib.Path):
     out = tmp_path / "store"
     prepare.prepare([range(2)], out, PackConfig())
