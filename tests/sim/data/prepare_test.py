@@ -78,29 +78,6 @@ def test_a_store_holds_the_scenarios_of_its_files_in_order(paths, out):
     assert (summary.num_continued, summary.bad, summary.duplicates) == (0, [], [])
 
 
-def num_shards(*sizes: int) -> int:
-    """Returns how many shards are made of so many seeds at a time."""
-    return len(list(prepare._groups([range(size) for size in sizes])))
-
-
-def test_large_sets_make_full_shards_and_small_ones_at_least_32():
-    assert num_shards(100 * prepare.SHARD_SEEDS) == 100
-    assert num_shards(32 * prepare.SHARD_SEEDS) == 32
-    assert num_shards(32 * 20) == 32
-    assert num_shards(32 * 20, 32 * 10) == 32
-    assert num_shards(20) == 3  # 8 seeds each
-
-
-def test_small_files_share_a_shard_and_a_large_one_has_its_own(paths, monkeypatch):
-    monkeypatch.setattr(prepare, "FEW_SHARDS", 1)
-    monkeypatch.setattr(prepare, "SHARD_BYTES", paths[1].stat().st_size + 1)
-    paths[0].write_bytes(bytes(3 * prepare.SHARD_BYTES))
-
-    groups = list(prepare._groups(paths))
-
-    assert groups == [[paths[0]], paths[1:3], paths[3:]]
-
-
 @pytest.mark.parametrize("num_done", range(NUM_FILES))
 def test_a_run_that_was_cut_is_continued_to_the_same_bytes(paths, out, num_done):
     undisturbed = out.with_name("undisturbed")
