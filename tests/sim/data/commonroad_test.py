@@ -79,16 +79,10 @@ def test_a_log_that_starts_later_starts_at_step_zero(version: str) -> None:
 
 
 @pytest.mark.parametrize(("step", "current"), [(0.04, 25), (0.1, 10), (0.2, 5)])
-def test_history_takes_a_second_at_any_rate(
-    tmp_path: pathlib.Path, step: float, current: int
-) -> None:
+def test_history_takes_a_second_at_any_rate(step: float, current: int) -> None:
     root = document()
     root.set("timeStepSize", str(step))
     assert converted(root).current_step == current
-    path = tmp_path / "log.xml"
-    path.write_bytes(ElementTree.tostring(root))
-    if step >= 0.1:  # 30 steps of 0.04 s are too few to simulate anything
-        assert read(path).current_step == 10
 
 
 def test_lights_of_a_log_that_starts_later_are_later_in_their_cycle() -> None:
