@@ -57,7 +57,7 @@ def load(source: loader.Source, max_objects: int, mesh: Mesh) -> Loaded:
 
 def describe(loaded: Loaded) -> str:
     """Returns a line about the bank: its scenarios, bytes, and what was left out."""
-    num_bytes = sum(leaf.nbytes for leaf in jax.tree.leaves(loaded.bank))
+    num_bytes = banks.total_bytes(loaded.bank)
     count = len(loaded.scenarios)
     capped = sum(
         len(scenario.object_id) > loaded.bank.sizes.num_objects

@@ -1,6 +1,6 @@
 """Sets the traffic of one source of scenarios beside that of another."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,18 @@ from . import histograms
 Named = Mapping[str, Samples]  # samples by the name of their source
 
 
+def require_two(names: Sequence[str]) -> None:
+    """Checks that there are two sources to compare, before they are loaded.
+
+    Raises:
+        ValueError: if not.
+    """
+    if len(set(names)) != 2:
+        raise ValueError(
+            f"a comparison names two sources that differ, got {', '.join(names)}."
+        )
+
+
 def compare(sources: Named) -> list[dict[str, Any]]:
     """Returns a row for each quantity: how many, medians, means and their distance.
 
@@ -22,10 +34,7 @@ def compare(sources: Named) -> list[dict[str, Any]]:
     Raises:
         ValueError: if there are not two.
     """
-    if len(sources) != 2:
-        raise ValueError(
-            f"a comparison names two sources that differ, got {', '.join(sources)}."
-        )
+    require_two(tuple(sources))
     one, other = sources
     rows = []
     for quantity in QUANTITIES:

@@ -15,9 +15,9 @@ from jax.sharding import Mesh
 from ..learners import mesh as meshes
 from ..learners.program import compile_replacement
 from ..sim.data import store
-from ..sim.data.bank import Bank
+from ..sim.data.bank import Bank, total_bytes
 from ..sim.data.loader import Source
-from ..sim.data.stream import Stream, StreamConfig
+from ..sim.data.stream import Part, Stream, StreamConfig
 from . import banks
 
 
@@ -61,9 +61,24 @@ class Feed(abc.ABC):
 
 
 def open_feed(
-    source: Source, config: StreamConfig, max_objects: int, mesh: Mesh, seed: int
+    source: Source,
+    config: StreamConfig,
+    max_objects: int,
+    mesh: Mesh,
+    seed: int,
+    saved: Mapping[str, Any] | None = None,
 ) -> Feed:
     """Brings scenarios onto the devices: all of them, or pages of a store.
+
+    Args:
+        source: the scenarios.
+        config: whether and how they stream. Each process draws from a share of its own.
+        max_objects: of a scenario, those that matter most to the ego.
+        mesh: of the devices.
+        seed: of the order in which scenarios stream.
+        saved: what a run that goes on kept: a feed's `identity` and, as `feed`, its
+            `state`. If the feed is the same, it begins there; `restore` would fill the
+            bank once more.
 
     Raises:
         FileNotFoundError: if there is no such store or file.
@@ -71,8 +86,10 @@ def open_feed(
     """
     if config.resident is None:
         return Resident(banks.load(source, max_objects, mesh))
-    stream = Stream(source, config, max_objects, mesh.size, seed)
-    return Streaming(stream, config, mesh, _digest_of(source))
+    part = Part(process=jax.process_index(), num_processes=jax.process_count())
+    num_devices = len(mesh.local_devices)
+    stream = Stream(source, config, max_objects, num_devices, seed, part)
+    return Streaming(stream, config, mesh, _digest_of(source), saved)
 
 
 def _digest_of(source: Source) -> str:
@@ -123,7 +140,14 @@ class Resident(Feed):
 class Streaming(Feed):
     """Pages of a store, one of which is exchanged now and then."""
 
-    def __init__(self, stream: Stream, config: StreamConfig, mesh: Mesh, digest: str):
+    def __init__(
+        self,
+        stream: Stream,
+        config: StreamConfig,
+        mesh: Mesh,
+        digest: str,
+        saved: Mapping[str, Any] | None,
+    ):
         """Fills the bank."""
         self._stream, self._config, self._mesh = stream, config, mesh
         self._replace = compile_replacement()
@@ -133,7 +157,8 @@ class Streaming(Feed):
             "scenarios": digest,
             "devices": mesh.size,
         }
-        self._fill(None)
+        is_same = saved is not None and self.identity.items() <= saved.items()
+        self._fill(saved["feed"] if saved is not None and is_same else None)
 
     def _fill(self, state: Mapping[str, Any] | None) -> None:
         self.bank = meshes.shard(self._mesh, self._stream.fill(state))
@@ -141,7 +166,7 @@ class Streaming(Feed):
 
     def describe(self) -> str:
         """Returns a line about the bank and what streams through it."""
-        num_bytes = sum(leaf.nbytes for leaf in jax.tree.leaves(self.bank))
+        num_bytes = total_bytes(self.bank)
         return (
             f"{self._config.resident:,} of {self._stream.num_scenarios:,} scenarios on "
             f"{self._mesh.size} device(s), {num_bytes / 1e6:,.1f} MB; one of "
@@ -151,7 +176,8 @@ class Streaming(Feed):
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Goes on where a run was that had this state."""
-        self._fill(state)
+        if state != self._state:
+            self._fill(state)
 
     def state(self) -> Mapping[str, Any]:
         """Returns which records are in the bank, and which come."""

@@ -164,6 +164,7 @@ def compare(
         plot: draw the distributions to this file, a PNG.
     """
     outputs.require({"json": json, "plot": plot})
+    comparison.require_two((first, second))
     both = (
         loader.Source(path=first),
         loader.Source(path=second, split=split, test_share=test_share),

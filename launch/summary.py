@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from rich import box, table as rich_table, text
 
+from ..sim.data.bank import MAX_ROWS, TABLES
 from ..sim.data.entry import Entry
 from ..sim.data.packed import QUANTUM
 from ..sim.data.query import EVERYTHING
@@ -90,6 +91,10 @@ def summarize(entries: Sequence[Entry]) -> dict[str, Any]:
         "bytes_per_scenario_mean": float(num_bytes.mean()),
         "womd_training_scenarios": WOMD_TRAINING,
         "womd_training_gb": float(num_bytes.mean()) * WOMD_TRAINING / 1e9,
+        "womd_training_rows": {
+            kind: round(float(np.mean([e.rows[kind] for e in entries])) * WOMD_TRAINING)
+            for kind in TABLES
+        },
         "datasets": [
             _dataset([entry for entry in entries if entry.dataset == name])
             for name in sorted({entry.dataset for entry in entries})
@@ -118,6 +123,7 @@ def _dataset(entries: Sequence[Entry]) -> dict[str, Any]:
         "scenarios": len(entries),
         "steps": [min(steps), max(steps)],
         **{name: total(f"num_{name}") for name in COUNTS},
+        "ego_sources": dict(Counter(entry.ego_source for entry in entries)),
         "route_sources": dict(Counter(entry.route_source for entry in entries)),
         "bytes_per_scenario_mean": float(values(entries, "num_bytes").mean()),
     }
@@ -174,6 +180,18 @@ def _figure(value: float) -> str:
     return f"{value:,.1f}" if abs(value) < 100 and value % 1 else f"{value:,.0f}"
 
 
+def _rows_line(rows: dict[str, int]) -> str:
+    """Says whether the tables of all of WOMD can be numbered on one device."""
+    kind = max(rows, key=lambda kind: rows[kind])
+    said = (
+        f"Their longest table ({kind}) has {rows[kind] / 1e9:.2f} of the "
+        f"{MAX_ROWS / 1e9:.2f} billion rows that one device can number"
+    )
+    if rows[kind] <= MAX_ROWS:
+        return f"{said}."
+    return f"{said}: they do not fit, use {-(-rows[kind] // MAX_ROWS)} devices or more."
+
+
 def lines(figures: dict[str, Any]) -> list[str]:
     """Returns the sentences under the tables."""
     shares = ", ".join(
@@ -185,11 +203,15 @@ def lines(figures: dict[str, Any]) -> list[str]:
         f"Scenarios: {shares}.",
         f"In the bank: {mean / 1e3:.1f} KB a scenario, "
         f"{figures['bytes_total'] / 1e6:,.1f} MB in all; at that, {WOMD_TRAINING:,} "
-        f"training scenarios, as WOMD has, take {figures['womd_training_gb']:.1f} GB.",
+        f"training scenarios, as WOMD has, take {figures['womd_training_gb']:.1f} GB."
+        f" {_rows_line(figures['womd_training_rows'])}",
     ]
     for row in figures["datasets"]:
-        sources = ", ".join(f"{name} {n:,}" for name, n in row["route_sources"].items())
-        said.append(f"Routes of {row['dataset']} come from: {sources}.")
+        routes, egos = (
+            ", ".join(f"{name} {count:,}" for name, count in row[key].items())
+            for key in ("route_sources", "ego_sources")
+        )
+        said.append(f"{row['dataset']}: routes from {routes}; egos {egos}.")
     for word, count in figures["assumptions"].items():
         said.append(f"Assumed in {count:,} scenario(s): {word}.")
     suspects = figures["suspicious_lights"]

@@ -82,8 +82,11 @@ def search_plainly(
     )
     slot = jnp.arange(edge_index.MAX_BLOCKS)
     listed = slot[None] < count[:, None]
-    place = jnp.where(listed, bank.first_block[index] + first[:, None] + slot[None], 0)
-    block = jnp.where(listed, bank.index_blocks[place].astype(jnp.int32), 0)
+    place = jnp.where(listed, first[:, None] + slot[None], 0)
+    row, column = jnp.divmod(place.astype(jnp.uint32), jnp.uint32(packed.LISTED))
+    row = bank.first_block[index] + row.astype(jnp.int32)
+    block = bank.index_blocks[row, column.astype(jnp.int32)]
+    block = jnp.where(listed, block.astype(jnp.int32), 0)
     in_block = jnp.arange(edge_index.BLOCK)
     number = edge_index.BLOCK * block[..., None] + in_block[None, None]
     number = number.reshape(len(points), -1)

@@ -17,6 +17,7 @@ from ..records import Record
 from . import log_rows
 from .packed import Packed
 
+MAX_ROWS = np.iinfo(np.int32).max  # of a table: their numbers have 32 bits
 # The tables of the bank by what their rows are; `Packed.rows` counts these.
 TABLES = {
     "objects": (
@@ -171,7 +172,7 @@ class Bank(Record):
     first_node: Int[Array, " scenarios"]
     index_nodes: Int[Array, " nodes"]
     first_block: Int[Array, " scenarios"]
-    index_blocks: Int[Array, " candidates"]
+    index_blocks: Int[Array, "rows candidates"]
     tile_corner: Float[Array, "scenarios 2"]
     tile_shape: Int[Array, "scenarios 2"]
     first_tile: Int[Array, " scenarios"]
@@ -278,10 +279,11 @@ def num_bytes(scenario: Packed) -> int:
     """Returns how many bytes a bank grows by with the scenario."""
     sizes = Sizes.of([scenario], len(scenario.object_id))
     one, two = (build([scenario] * count, sizes) for count in (1, 2))
-    return _num_bytes(two) - _num_bytes(one)
+    return total_bytes(two) - total_bytes(one)
 
 
-def _num_bytes(bank: Bank) -> int:
+def total_bytes(bank: Bank) -> int:
+    """Returns how many bytes a bank takes, on all devices together."""
     return sum(leaf.nbytes for leaf in jax.tree.leaves(bank))
 
 
@@ -314,7 +316,7 @@ def _stack(arrays: Sequence[np.ndarray]) -> np.ndarray:
 
 def _starts(counts: Sequence[int] | np.ndarray) -> np.ndarray:
     ends = np.cumsum(counts, dtype=np.int64)
-    if len(ends) and ends[-1] > np.iinfo(np.int32).max:
+    if len(ends) and ends[-1] > MAX_ROWS:
         raise ValueError(
             f"{ends[-1]} rows do not fit into one device's bank: use more devices or "
             "fewer scenarios."

@@ -23,7 +23,7 @@ from . import (
 from .base import BadRecord, Reader
 
 _NAME = "commonroad"
-_CURRENT_STEP = 10
+_HISTORY = 1.0  # seconds up to the current step
 _HEAD = re.compile(rb"(?:\xef\xbb\xbf)?\s*<(?:.*?<)??commonRoad\b", re.DOTALL)
 _OBSTACLES = ("obstacle", "dynamicObstacle", "staticObstacle")
 _MAX_STEP_LENGTH = 10.0  # seconds
@@ -86,20 +86,23 @@ def convert(record: bytes) -> Scenario:
     if root.tag != "commonRoad" or not scenario_id:
         raise ScenarioError("there is no commonRoad with a benchmarkID")
     obstacles = [_obstacle(child) for child in root if child.tag in _OBSTACLES]
-    tracks = _tracks(obstacles)
+    first_step, tracks = _tracks(obstacles)
+    dt = _step_length(root)
     ego_index, ego_source = scenario.choose_ego(tracks, None)
     signs = commonroad_signs.read(root)
     lanes = commonroad_map.lanes(root, signs)
     return Scenario(
         scenario_id=scenario_id,
         dataset=_NAME,
-        dt=_step_length(root),
-        current_step=_CURRENT_STEP,
+        dt=dt,
+        current_step=round(_HISTORY / dt),
         tracks=tracks,
         ego_index=ego_index,
         ego_source=ego_source,
         roads=commonroad_map.roads(root, lanes, signs),
-        lights=commonroad_lights.read(root, lanes, tracks.valid.shape[1]),
+        lights=commonroad_lights.read(
+            root, lanes, first_step + np.arange(tracks.valid.shape[1])
+        ),
         lane_links=commonroad_map.links(lanes, signs),
         assumptions=_ASSUMPTIONS,
     )
@@ -178,8 +181,8 @@ def _size(shape: Element | None, place: str) -> tuple[float, float]:
     return length, width
 
 
-def _tracks(obstacles: Sequence[_Obstacle]) -> Tracks:
-    """Lays the states out over steps."""
+def _tracks(obstacles: Sequence[_Obstacle]) -> tuple[float, Tracks]:
+    """Lays the states out over steps, and returns the file's number of the first."""
     if not obstacles:
         raise ScenarioError("there is no obstacle, so there is no log")
     rows = np.concatenate([item.states for item in obstacles])
@@ -205,7 +208,7 @@ def _tracks(obstacles: Sequence[_Obstacle]) -> Tracks:
         if item.stands:
             grid[i], valid[i] = item.states[0][1:], True
             grid[i, :, 4] = 0.0
-    return Tracks(
+    return float(first), Tracks(
         object_id=np.array([item.object_id for item in obstacles], np.int64),
         object_type=np.array([item.kind for item in obstacles], np.int64),
         xyz=grid[..., :3],

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
 
 from ..scenario import Lights, LightState, ScenarioError
 from . import commonroad_values as values, parts
@@ -19,11 +19,18 @@ _STATES = {
 }
 
 
-def read(root: Element, lanes: Sequence[Lane], num_steps: int) -> Lights:
+def read(
+    root: Element, lanes: Sequence[Lane], steps: Float[np.ndarray, " steps"]
+) -> Lights:
     """Returns the lights, one for each lane that refers to one.
 
     A lane with several lights gets the first. It stops at the stop line, or at its end
     where no line is drawn.
+
+    Args:
+        root: of the document.
+        lanes: of its map.
+        steps: of the log, as the file counts them: the cycles begin at its step 0.
 
     Raises:
         ScenarioError: if a light or a lanelet is malformed.
@@ -46,6 +53,7 @@ def read(root: Element, lanes: Sequence[Lane], num_steps: int) -> Lights:
             line = lanelet.find("stopLine")
             drawn = [] if line is None else values.points(line, f"stop line of {lane}")
             ruled[lane] = known[0], np.mean(drawn, 0) if len(drawn) else ends[lane]
+    num_steps = len(steps)
     if len(ruled) * num_steps > parts.MAX_LIGHT_STEPS:
         raise ScenarioError(f"{len(ruled)} lanes with lights are too many")
     if not ruled:
@@ -53,7 +61,7 @@ def read(root: Element, lanes: Sequence[Lane], num_steps: int) -> Lights:
     lane_id = sorted(ruled)
     # Once for each light: thousands of lanes may share one of a long cycle.
     lights = {light for light, _ in ruled.values()}
-    shown = {light: _states(found[light], num_steps) for light in lights}
+    shown = {light: _states(found[light], steps) for light in lights}
     state = [shown[ruled[lane][0]] for lane in lane_id]
     return Lights(
         lane_id=np.array(lane_id, np.int64),
@@ -63,7 +71,9 @@ def read(root: Element, lanes: Sequence[Lane], num_steps: int) -> Lights:
     )
 
 
-def _states(light: Element, num_steps: int) -> Int[np.ndarray, " steps"]:
+def _states(
+    light: Element, steps: Float[np.ndarray, " steps"]
+) -> Int[np.ndarray, " steps"]:
     """Returns what a light shows at each step; what is dark or unknown is unknown."""
     place = f"the cycle of light {light.get('id')}"
     colours, durations = [], []
@@ -76,7 +86,7 @@ def _states(light: Element, num_steps: int) -> Int[np.ndarray, " steps"]:
         raise ScenarioError(f"{place} has no duration")
     offset = light.find("cycle/timeOffset")
     shift = 0.0 if offset is None else values.number(offset, place)
-    within = np.mod(np.arange(num_steps) - shift, ends[-1])
+    within = np.mod(steps - shift, ends[-1])
     return np.array(colours, np.int64)[
         np.minimum(np.searchsorted(ends, within, side="right"), len(ends) - 1)
     ]

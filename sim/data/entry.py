@@ -7,14 +7,15 @@ streams a store learns from it how much room it needs.
 import dataclasses
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from ..scenario import DRIVING_LANES, ObjectType
+from ..scenario import DRIVING_LANES, SAME_LEVEL, ObjectType
 from . import bank, light_check
 from .packed import JOINED, Packed
 from .planar_log import PlanarLog, planar_log
 
 SAME_PLACE = 2.5  # metres between centres: two road users who cross or share a way
+MOVED = 1.0  # metres that one gets away who moves: parked cars jitter by less
 CROSSING_ANGLE = np.radians(30.0)  # between lanes that cross, at least
 CROSSING_REACH = 6.0  # metres from the ego to a lane that crosses its own
 STEPS_APART = 2  # of the log, for the search of encounters
@@ -99,7 +100,7 @@ def entry_of(packed: Packed) -> Entry:
         ego_distance=round(float(np.linalg.norm(way - way[0], axis=1).max()), 2),
         ego_speed=round(float(np.linalg.norm(log.velocity[0, ego], axis=1).mean()), 2),
         encounter=_encounter(log, packed),
-        is_at_junction=_is_at_junction(way, packed),
+        is_at_junction=_is_at_junction(way, log.height[0, ego], packed),
         is_goal_feasible=bool(packed.goal_feasible[0]),
         num_bytes=bank.num_bytes(packed),
         num_index_dropped=packed.num_index_dropped,
@@ -112,38 +113,53 @@ def _encounter(log: PlanarLog, packed: Packed) -> float | None:
     """Returns the least time between the ego and a moving other at one place [s].
 
     It is the least |t - u| over simulated steps t of the ego and u of another road user
-    who moves, at which their centres are within 2.5 m: small where they cross, merge or
-    follow closely (post-encroachment time, Allen et al. 1978). None where they share no
-    place.
+    who moves, at which their centres are within 2.5 m on one level: small where they
+    cross, merge or follow closely (post-encroachment time, Allen et al. 1978). None
+    where they share no place. One moves who gets 1 m away from where its log begins.
     """
     steps = np.arange(packed.current_step, packed.num_steps, STEPS_APART)
-    moves = ~packed.is_still[1:]
-    valid = log.valid[1:][moves][:, steps]
-    other = log.xy[1:][moves][:, steps]
+    moves = np.flatnonzero(_moves(log)[1:]) + 1
+    valid = log.valid[moves][:, steps]
+    other, height = log.xy[moves][:, steps], log.height[moves][:, steps]
     own = log.valid[0, steps]
     gap = other[:, :, None] - log.xy[0, steps][own][None, None]
+    rise = height[:, :, None] - log.height[0, steps][own][None, None]
     meets = (gap[..., 0] ** 2 + gap[..., 1] ** 2 <= SAME_PLACE**2) & valid[..., None]
+    meets &= np.abs(rise) <= SAME_LEVEL
     apart = np.abs(steps[:, None] - steps[own][None])[None]
     found = apart[0][meets.any(axis=0)] if meets.any() else np.zeros(0)
     return round(float(found.min()) * packed.dt, 2) if len(found) else None
 
 
-def _is_at_junction(way: Float[np.ndarray, "steps 2"], packed: Packed) -> bool:
+def _moves(log: PlanarLog) -> Bool[np.ndarray, " objects"]:
+    """Tells who gets away from where its log begins."""
+    first = log.xy[np.arange(len(log.valid)), log.valid.argmax(axis=1)]
+    away = np.linalg.norm(log.xy - first[:, None], axis=-1)
+    return np.where(log.valid, away, 0.0).max(axis=1) >= MOVED
+
+
+def _is_at_junction(
+    way: Float[np.ndarray, "steps 2"],
+    height: Float[np.ndarray, " steps"],
+    packed: Packed,
+) -> bool:
     """Tells whether a driving lane crosses the ego's way.
 
-    It does where one passes within 6 m of the ego, and its direction is between 30 and
-    150 degrees from that of the way. An ego that stands has no way.
+    It does where one passes within 6 m of the ego, on its level, and its direction is
+    between 30 and 150 degrees from that of the way. An ego that stands has no way.
     """
-    points = way[::5]
+    points, height = way[::5], height[::5]
     moves = np.diff(points, axis=0, append=points[-1:])
-    points, moves = points[(far := np.hypot(*moves.T) > 0.5)], moves[far]
+    far = np.hypot(*moves.T) > 0.5
+    points, height, moves = points[far], height[far], moves[far]
     joined = packed.vertex_tag >= JOINED
     kind = packed.vertex_tag % JOINED
     first = np.flatnonzero(joined & np.isin(kind, DRIVING_LANES))
     if not len(points) or not len(first):
         return False
-    xy = packed.centre[:2] + packed.quantum * packed.vertices[:, :2].astype(np.float64)
-    start, along = xy[first], xy[first + 1] - xy[first]
+    xyz = packed.metres(packed.vertices)
+    start, along = xyz[first, :2], (xyz[first + 1] - xyz[first])[:, :2]
+    is_level = np.abs(xyz[first, 2] - height[:, None]) <= SAME_LEVEL
     squared = np.maximum((along**2).sum(axis=1), 1e-9)
     offset = points[:, None] - start[None]
     share = np.clip((offset * along).sum(axis=-1) / squared, 0.0, 1.0)
@@ -151,4 +167,4 @@ def _is_at_junction(way: Float[np.ndarray, "steps 2"], packed: Packed) -> bool:
     cosine = np.abs((moves[:, None] * along).sum(axis=-1)) / (
         np.hypot(*moves.T)[:, None] * np.sqrt(squared)
     )
-    return bool((near & (cosine < np.cos(CROSSING_ANGLE))).any())
+    return bool((near & is_level & (cosine < np.cos(CROSSING_ANGLE))).any())

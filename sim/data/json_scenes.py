@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
 
 from .. import scenario
 from ..scenario import (
@@ -63,14 +62,14 @@ def convert(record: bytes, fallback_id: str) -> Scenario:
         The scenario, without a lane graph; `scenario.check` has yet to look at it.
 
     Raises:
-        ScenarioError: if the text is no JSON, or not that of WOMD.
+        ScenarioError: if the text is no JSON, or not that of a log of WOMD.
     """
     document = _document(record)
     metadata = _mapping(document, "metadata")
     with base.naming("metadata"):
         mark = metadata.get("sdc_track_index")
         marked = None if mark is None else operator.index(mark)
-    tracks = _tracks(document["objects"], metadata)
+    tracks, in_degrees = _tracks(document["objects"], metadata)
     ego_index, ego_source = scenario.choose_ego(tracks, marked)
     scenario_id: Any = document.get("scenario_id") or fallback_id
     if not isinstance(scenario_id, str):
@@ -85,12 +84,42 @@ def convert(record: bytes, fallback_id: str) -> Scenario:
         roads=_roads(document["roads"]),
         lights=_lights(_mapping(document, "tl_states"), tracks.valid.shape[1]),
         lane_links=None,
+        assumptions=_assumptions(document, in_degrees, ego_source),
     )
+
+
+def _assumptions(
+    document: dict[str, Any], in_degrees: bool, ego_source: str
+) -> tuple[str, ...]:
+    """Returns what the document, of which the parts were read, does not say."""
+    objects, roads = document["objects"], document["roads"]
+    runs = [item["position"] for item in objects] + [road["geometry"] for road in roads]
+    made_up = {
+        "ego: chosen among the vehicles": ego_source != "marked",
+        "headings: degrees, as some exceed 6.3": in_degrees,
+        "headings: radians, as none exceeds 6.3": not in_degrees,
+        "heights: one for each kind of object": _lack(objects, "height"),
+        "places: at height zero": _lack([run[0] for run in runs if run], "z"),
+        "ids: the places in the lists": _lack([*objects, *roads], "id"),
+        "kinds of lanes, lines and edges": any(
+            road.get("map_element_id") not in _KNOWN_CODES for road in roads
+        ),
+    }
+    return tuple(word for word, is_so in made_up.items() if is_so)
+
+
+def _lack(records: list[Any], name: str) -> bool:
+    return any(name not in record for record in records)
 
 
 def _document(record: bytes) -> dict[str, Any]:
     """Parses the text and finds the two lists that there must be."""
     document = json_values.document(record, "the text")
+    if isinstance(document, dict) and "lane_segments" in document:
+        raise ScenarioError(
+            "this is the map of an Argoverse 2 log; name the .parquet file beside it, "
+            "which finds its map itself"
+        )
     for name in ("objects", "roads"):
         if not isinstance(document, dict) or not isinstance(document.get(name), list):
             raise ScenarioError(f"there is no list '{name}': this is no JSON of WOMD")
@@ -107,8 +136,13 @@ def _mapping(document: dict[str, Any], name: str) -> dict[str, Any]:
     return part or {}
 
 
-def _tracks(objects: list[Any], metadata: dict[str, Any]) -> Tracks:
-    """Reads the objects, all of which must have the same number of steps."""
+def _tracks(objects: list[Any], metadata: dict[str, Any]) -> tuple[Tracks, bool]:
+    """Reads the objects, all of which must have the same number of steps.
+
+    Returns:
+        The tracks, and whether their headings were taken for degrees: old files are in
+        degrees, and none says which.
+    """
     rows = []
     for index, item in enumerate(objects):
         with base.naming(f"objects[{index}]"):
@@ -133,8 +167,9 @@ def _tracks(objects: list[Any], metadata: dict[str, Any]) -> Tracks:
                 ]
             ).tolist(),
         )
-    yaw = _radians(heading, valid)
-    return Tracks(
+    in_degrees = bool((np.abs(heading[valid]) > _MAX_RADIANS).any())
+    yaw = parts.wrap_angle(np.radians(heading) if in_degrees else heading)
+    tracks = Tracks(
         object_id=object_id,
         object_type=object_type,
         xyz=parts.zero_unless(valid, xyz),
@@ -144,6 +179,7 @@ def _tracks(objects: list[Any], metadata: dict[str, Any]) -> Tracks:
         size=size,
         is_of_interest=is_of_interest,
     )
+    return tracks, in_degrees
 
 
 def _object_row(item: Any, index: int) -> tuple[Any, ...]:
@@ -160,16 +196,6 @@ def _object_row(item: Any, index: int) -> tuple[Any, ...]:
         json_values.floats(item["heading"]),
         json_values.floats(item["valid"]) != 0,
     )
-
-
-def _radians(
-    heading: Float[np.ndarray, "objects steps"],
-    valid: Bool[np.ndarray, "objects steps"],
-) -> Float[np.ndarray, "objects steps"]:
-    """Returns headings as radians: old files are in degrees, and none says which."""
-    if (np.abs(heading[valid]) > _MAX_RADIANS).any():
-        heading = np.radians(heading)
-    return parts.wrap_angle(heading)
 
 
 def _roads(roads: list[Any]) -> Polylines:

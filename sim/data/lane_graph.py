@@ -10,6 +10,9 @@ from ..scenario import DRIVING_LANES, LaneLinks, Polylines
 
 JOIN_DISTANCE = 1.0  # metres between the ends of lanes that follow each other
 JOIN_COSINE = np.cos(np.radians(30.0))
+ROUNDING = 1e-6  # of a segment: one of just the spacing stays whole
+SPACING = 1.0  # metres between the points of a lane, at most
+MAX_POINTS = 200_000  # of all lanes, beyond which points lie farther apart
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,6 +31,9 @@ class LaneGraph:
 def lane_graph(roads: Polylines, links: LaneLinks | None) -> LaneGraph:
     """Makes the graph of a map, from its links or, without them, from lane ends.
 
+    Long segments are cut up: some formats keep a straight lane as two points, and ways
+    begin, change lanes and end at points.
+
     Args:
         roads: the map.
         links: what follows and neighbours what; None where the format does not say.
@@ -35,8 +41,9 @@ def lane_graph(roads: Polylines, links: LaneLinks | None) -> LaneGraph:
     counts = np.diff(roads.offset)
     is_lane = np.isin(roads.map_type, DRIVING_LANES) & (counts > 0)
     xyz = roads.xyz[np.repeat(is_lane, counts)]
-    last = np.cumsum(counts[is_lane]) - 1
-    first = last - counts[is_lane] + 1
+    xyz, counts = _cut_up(xyz, counts[is_lane])
+    last = np.cumsum(counts) - 1
+    first = last - counts + 1
 
     limit = np.zeros(len(first))
     if links is None:
@@ -64,6 +71,26 @@ def lane_graph(roads: Polylines, links: LaneLinks | None) -> LaneGraph:
         last=last.tolist(),
         successors=_grouped(pairs),
         neighbors=neighbors,
+    )
+
+
+def _cut_up(
+    xyz: Float[np.ndarray, "points 3"], counts: Int[np.ndarray, " lanes"]
+) -> tuple[Float[np.ndarray, "more_points 3"], Int[np.ndarray, " lanes"]]:
+    """Puts points between those that are far apart; returns them and their counts."""
+    if not len(xyz):
+        return xyz, counts
+    lane = np.repeat(np.arange(len(counts)), counts)
+    step = np.diff(xyz, axis=0, append=xyz[-1:])
+    length = np.where(np.append(np.diff(lane) == 0, False), np.hypot(*step.T[:2]), 0.0)
+    spacing = max(SPACING, float(length.sum()) / MAX_POINTS)
+    parts = np.maximum(np.ceil(length / spacing - ROUNDING), 1).astype(np.int64)
+    place = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+    point = np.repeat(np.arange(len(xyz)), parts)
+    share = place / parts[point]
+    return (
+        xyz[point] + share[:, None] * step[point],
+        np.bincount(lane[point], minlength=len(counts)),
     )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from ..scenario import LightState, ObjectType
-from .packed import LIGHT_VALID, YAW_QUANTUM, Packed
+from .packed import LIGHT_VALID, Packed
 from .planar_log import PlanarLog
 
 BESIDE = 2.0  # metres from the stop point, across the lane
@@ -27,10 +27,8 @@ def crossings(packed: Packed, log: PlanarLog) -> tuple[int, int]:
         log: of its objects.
     """
     known = packed.light_has_lane
-    place = packed.centre[:2] + packed.quantum * packed.light_xyz[known, :2]
-    yaw = packed.light_yaw[known].astype(np.float64)
-    if packed.light_yaw.dtype == np.int16:
-        yaw = yaw * YAW_QUANTUM
+    place = packed.metres(packed.light_xyz[known, :2])
+    yaw = packed.radians(packed.light_yaw[known])
     direction = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1)
     drives = (packed.object_type == ObjectType.VEHICLE) & ~packed.is_still
     passes = _passes(log, drives, place, direction)

@@ -79,11 +79,14 @@ def load(
     """
     bad: list[BadRecord] = []
     kept: list[Packed] = []
+    datasets: set[str] = set()  # of what is not wanted
     limit = source.max_scenarios
     for done, packed in enumerate(_open(source, bad, num_workers), start=1):
         tick(done)
         if source.is_store or _is_wanted(packed, source):
             kept.append(packed)
+        else:
+            datasets.add(packed.dataset)
         if limit is not None and len(kept) >= limit:
             break
     if not kept:
@@ -91,9 +94,20 @@ def load(
         query = "" if source.query.is_open else f", {source.query}"
         raise SourceError(
             f"no usable scenario in '{source.path}' (split {source.split}{query})"
-            + (f": {reasons}" if reasons else ".")
+            + (f": {reasons}" if reasons else "")
+            + _other_datasets(source, datasets)
         )
     return kept
+
+
+def _other_datasets(source: Source, seen: set[str]) -> str:
+    """Returns the end of a sentence: what there is, where another format is wanted."""
+    if source.is_store:
+        entries = store.entries(pathlib.Path(source.path))
+        seen = {entry.dataset for entry in entries}
+    if source.query.dataset in (None, *seen) or not seen:
+        return "."
+    return f"; datasets in it: {', '.join(sorted(seen))}."
 
 
 def wanted_numbers(source: Source) -> list[int]:

@@ -6,6 +6,7 @@ edges, the side of each edge vertex, arc lengths along the ego's paths.
 """
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -23,12 +24,21 @@ from ..scenario import (
 from . import edge_index, edge_sides, log_rows, routes, tiles, timeline as timelines
 from .feasibility import goal_feasible
 from .lane_directions import lane_directions, stop_sign_directions
-from .packed import JOINED, LIGHT_VALID, LIMIT_QUANTUM, QUANTUM, YAW_QUANTUM, Packed
+from .packed import (
+    JOINED,
+    LIGHT_VALID,
+    LIMIT_QUANTUM,
+    LISTED,
+    QUANTUM,
+    YAW_QUANTUM,
+    Packed,
+)
 from .parts import seen_lights
 from .simplify import kept_points
 from .timeline import Timeline
 
 _MAX_INT16 = 2**15 - 1
+Fields = dict[str, Any]  # of a packed scenario, by name
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -60,39 +70,10 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
         ScenarioError: if it has more road edges, or a larger map, than can be numbered.
     """
     paths = routes.paths_of(scenario)
-    tracks, origin = scenario.tracks, scenario.origin
     lights = seen_lights(scenario.lights)
-    light_yaw, light_has_lane = lane_directions(
-        lights.lane_id, lights.xyz, scenario.roads
-    )
-    stop_yaw, stop_has_lane = stop_sign_directions(scenario.roads, scenario.lane_links)
-    order = _object_order(tracks, scenario.ego_index)
-    valid = tracks.valid[order]
     centre, quantum = _coordinates(scenario, lights, paths, config.quantize)
-    scale = _Scale(origin + centre, quantum, config.quantize)
-
-    vertices, tag = _map(scenario.roads, scale, config)
-    num_edge_vertices = int(np.isin(tag & (JOINED - 1), EDGES).sum())
-    edges = scale.decode(vertices[:num_edge_vertices]) - origin
-    joined = tag[:num_edge_vertices] >= JOINED
-    if len(edges) > edge_index.MAX_VERTICES:
-        raise ScenarioError(
-            f"{len(edges):,} vertices of road edges, at most "
-            f"{edge_index.MAX_VERTICES:,} fit; cut the map"
-        )
-    counts = valid.sum(axis=1)
-    poses = scale.encode(tracks.xyz[order][valid])
-    turns = _encode_turns(
-        tracks.yaw[order][valid], tracks.velocity[order][valid], config.quantize
-    )
-    is_still = log_rows.still_objects(np.concatenate([poses, turns], axis=1), counts)
-    rows = log_rows.kept_rows(is_still, counts)
-    index = edge_index.build(edges, joined)
-    tiling = tiles.build(scale.decode(vertices) - origin, tag >= JOINED)
-    path_vertices, path_offset, path_limit = _paths(paths, scale, config)
-    arc, log_arc = _arc_lengths(
-        scale.decode(path_vertices), path_offset, _logged_ends(scenario)
-    )
+    scale = _Scale(scenario.origin, centre, quantum, config.quantize)
+    drawn = _drawn_map(scenario, scale, config)
     return Packed(
         scenario_id=scenario.scenario_id,
         dataset=scenario.dataset,
@@ -102,25 +83,32 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
         dt=scenario.dt,
         current_step=scenario.current_step,
         num_steps=scenario.num_steps,
-        origin=origin,
+        origin=scenario.origin,
         centre=centre.astype(np.float32),
         quantum=quantum,
-        object_id=tracks.object_id[order].astype(np.int64),
-        object_type=tracks.object_type[order].astype(np.int8),
-        object_size=tracks.size[order].astype(np.float32),
-        goal_feasible=goal_feasible(
-            tracks.xyz[order] - origin,
-            tracks.yaw[order],
-            tracks.size[order],
-            valid,
-            edges,
-            joined,
-        ),
-        valid_bits=log_rows.valid_bits(valid),
-        is_still=is_still,
-        poses=poses[rows],
-        turns=turns[rows],
         num_map_points=len(scenario.roads.xyz),
+        **drawn,
+        **_objects(scenario, scale, drawn),
+        **_lights(lights, scenario.roads, scale),
+        **_routes(paths, scenario, scale, config),
+    )
+
+
+def _drawn_map(scenario: Scenario, scale: "_Scale", config: PackConfig) -> Fields:
+    """Returns the map, its stop signs and what finds its edges and pieces."""
+    vertices, tag = _map(scenario.roads, scale, config)
+    num_edge_vertices = int(np.isin(tag & (JOINED - 1), EDGES).sum())
+    edges = scale.in_scene(vertices[:num_edge_vertices])
+    joined = tag[:num_edge_vertices] >= JOINED
+    if len(edges) > edge_index.MAX_VERTICES:
+        raise ScenarioError(
+            f"{len(edges):,} vertices of road edges, at most "
+            f"{edge_index.MAX_VERTICES:,} fit; cut the map"
+        )
+    index = edge_index.build(edges, joined)
+    tiling = tiles.build(scale.in_scene(vertices), tag >= JOINED)
+    stop_yaw, stop_has_lane = stop_sign_directions(scenario.roads, scenario.lane_links)
+    return Fields(
         vertices=vertices,
         vertex_tag=tag,
         num_stop_signs=len(stop_yaw),
@@ -130,21 +118,68 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
         index_corner=index.corner.astype(np.float32),
         index_shape=index.shape,
         index_nodes=index.nodes,
-        index_blocks=index.blocks.astype(np.uint16),
+        index_blocks=_in_rows(index.blocks.astype(np.uint16)),
         num_index_dropped=index.num_dropped,
         tile_corner=tiling.corner,
         tile_shape=tiling.shape,
         tile_starts=tiling.starts,
         tile_pieces=tiling.pieces,
         tile_reach=tiling.reach,
+    )
+
+
+def _objects(scenario: Scenario, scale: "_Scale", drawn: Fields) -> Fields:
+    """Returns the objects and their logs, on the map that was drawn."""
+    tracks = scenario.tracks
+    order = _object_order(tracks, scenario.ego_index)
+    valid = tracks.valid[order]
+    counts = valid.sum(axis=1)
+    poses = scale.encode(tracks.xyz[order][valid])
+    turns = _encode_turns(
+        tracks.yaw[order][valid], tracks.velocity[order][valid], scale.quantize
+    )
+    is_still = log_rows.still_objects(np.concatenate([poses, turns], axis=1), counts)
+    rows = log_rows.kept_rows(is_still, counts)
+    num_edge_vertices = len(drawn["edge_normal"])
+    return Fields(
+        object_id=tracks.object_id[order].astype(np.int64),
+        object_type=tracks.object_type[order].astype(np.int8),
+        object_size=tracks.size[order].astype(np.float32),
+        goal_feasible=goal_feasible(
+            tracks.xyz[order] - scenario.origin,
+            tracks.yaw[order],
+            tracks.size[order],
+            valid,
+            scale.in_scene(drawn["vertices"][:num_edge_vertices]),
+            drawn["vertex_tag"][:num_edge_vertices] >= JOINED,
+        ),
+        valid_bits=log_rows.valid_bits(valid),
+        is_still=is_still,
+        poses=poses[rows],
+        turns=turns[rows],
+    )
+
+
+def _lights(lights: Lights, roads: Polylines, scale: "_Scale") -> Fields:
+    yaw, has_lane = lane_directions(lights.lane_id, lights.xyz, roads)
+    return Fields(
         light_xyz=scale.encode(lights.xyz),
         light_state=(lights.state + LIGHT_VALID * lights.valid).astype(np.uint8),
-        light_yaw=_encode_yaw(light_yaw, config.quantize),
-        light_has_lane=light_has_lane,
-        path_vertices=path_vertices[:, :2],
+        light_yaw=_encode_yaw(yaw, scale.quantize),
+        light_has_lane=has_lane,
+    )
+
+
+def _routes(
+    paths: Paths, scenario: Scenario, scale: "_Scale", config: PackConfig
+) -> Fields:
+    vertices, offset, limit = _paths(paths, scale, config)
+    arc, log_arc = _arc_lengths(scale.decode(vertices), offset, _logged_ends(scenario))
+    return Fields(
+        path_vertices=vertices[:, :2],
         path_arc=arc.astype(np.float32),
-        path_limit=path_limit,
-        path_offset=path_offset.astype(np.int32),
+        path_limit=limit,
+        path_offset=offset.astype(np.int32),
         path_on_route=paths.on_route,
         path_log_arc=log_arc.astype(np.float32),
     )
@@ -154,18 +189,23 @@ def pack(scenario: Scenario, config: PackConfig) -> Packed:
 class _Scale:
     """Turns coordinates of the file into stored numbers and back."""
 
-    centre: Float[np.ndarray, " 3"]
+    origin: Float[np.ndarray, " 3"]
+    centre: Float[np.ndarray, " 3"]  # from the origin
     quantum: float
     quantize: bool
 
     def encode(self, xyz):
-        offset = xyz - self.centre
+        offset = xyz - (self.origin + self.centre)
         if not self.quantize:
             return offset.astype(np.float32)
         return np.round(offset / self.quantum).astype(np.int16)
 
     def decode(self, stored):
-        return self.centre + self.quantum * stored.astype(np.float64)
+        return self.origin + self.centre + self.quantum * stored.astype(np.float64)
+
+    def in_scene(self, stored):
+        """Returns places in the scenario's frame."""
+        return self.decode(stored) - self.origin
 
 
 def _coordinates(scenario: Scenario, lights: Lights, paths: Paths, quantize: bool):
@@ -215,6 +255,11 @@ def _encode_turns(yaw, velocity, quantize: bool):
         velocity = np.round(np.clip(velocity, -limit, limit) / QUANTUM).astype(np.int16)
     stored_yaw = _encode_yaw(yaw, quantize)[:, None]
     return np.concatenate([stored_yaw, velocity.astype(stored_yaw.dtype)], axis=1)
+
+
+def _in_rows(candidates):
+    """Lays the lists of the index out in rows, the last one filled up with zeros."""
+    return np.pad(candidates, (0, -len(candidates) % LISTED)).reshape(-1, LISTED)
 
 
 def _map(roads: Polylines, scale: _Scale, config: PackConfig):

@@ -6,13 +6,14 @@
 import dataclasses
 
 import numpy as np
-from jaxtyping import Bool, Float, Integer
+from jaxtyping import Bool, Float, Integer, Shaped
 
 JOINED = 32  # added to the map type of a vertex from which a segment leads on
 LIGHT_VALID = 16  # added to the state of a light that was seen
 QUANTUM = 0.01  # metres, and metres per second
 YAW_QUANTUM = 2 * np.pi / 2**16  # radians
 LIMIT_QUANTUM = 0.25  # metres per second, of speed limits
+LISTED = 8  # candidates in a row of `index_blocks`: so many fewer rows to number
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
@@ -53,7 +54,7 @@ class Packed:
     index_corner: Float[np.ndarray, " 2"]
     index_shape: Integer[np.ndarray, " 2"]
     index_nodes: Integer[np.ndarray, " nodes"]
-    index_blocks: Integer[np.ndarray, " candidates"]
+    index_blocks: Integer[np.ndarray, "rows candidates"]  # lists, LISTED to a row
     num_index_dropped: int
     tile_corner: Float[np.ndarray, " 2"]
     tile_shape: Integer[np.ndarray, " 2"]
@@ -70,6 +71,23 @@ class Packed:
     path_offset: Integer[np.ndarray, " paths_plus_1"]
     path_on_route: Bool[np.ndarray, " paths"]
     path_log_arc: Float[np.ndarray, "paths 2"]  # of the first and last logged position
+
+    def metres(
+        self, stored: Shaped[np.ndarray, "*any axes"]
+    ) -> Float[np.ndarray, "*any axes"]:
+        """Returns stored places, of two axes or three, in the scenario's frame [m]."""
+        centre = self.centre[: stored.shape[-1]]
+        return centre + self.quantum * stored.astype(np.float64)
+
+    def radians(self, stored: Shaped[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        """Returns stored angles [rad]."""
+        unit = YAW_QUANTUM if stored.dtype == np.int16 else 1.0
+        return unit * stored.astype(np.float64)
+
+    def speeds(self, stored: Shaped[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
+        """Returns stored velocities [m/s]."""
+        unit = QUANTUM if stored.dtype == np.int16 else 1.0
+        return unit * stored.astype(np.float64)
 
     @property
     def rows(self) -> dict[str, int]:

@@ -12,13 +12,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from .bank import FIRST, TABLES, Bank, Sizes, build
+from .bank import FIRST, MAX_ROWS, TABLES, Bank, Sizes, build
 from .entry import Entry
 from .packed import Packed
 
 DEVIATIONS = 2.0  # standard deviations of a page's rows that its room allows for
 MAX_DRAWS = 50  # for each place of a page
-MAX_ROWS = np.iinfo(np.int32).max
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

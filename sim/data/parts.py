@@ -18,6 +18,7 @@ from ..scenario import (
 
 MPH, KMH = 0.44704, 1 / 3.6  # metres per second
 POLYGONS = (MapType.CROSSWALK, MapType.SPEED_BUMP, MapType.DRIVEWAY)
+CLOCK_JITTER = 0.0005  # seconds about 0.1 s
 MAX_STATES = 1 << 20  # tracks times steps: five times a crowd of 1,000 over 20 s
 MAX_POINTS = 1 << 21  # of a map: fifty times the largest seen
 MAX_LIGHT_STEPS = 10**7  # beyond, a damaged record would ask for gigabytes
@@ -49,16 +50,18 @@ def wrap_angle(angle: Float[np.ndarray, "*any"]) -> Float[np.ndarray, "*any"]:
 
 
 def step_length(seconds: Sequence[float]) -> float:
-    """Returns the median time from a step to the next, to the millisecond [s].
+    """Returns the median time from a step to the next [s].
+
+    Within half a millisecond of 0.1 s, it is that: clocks jitter.
 
     Raises:
         ScenarioError: if the times do not rise.
     """
     steps = np.diff(np.array(seconds, np.float64))
-    median = round(float(np.median(steps)), 3) if len(steps) else scenario.DT
+    median = float(np.median(steps)) if len(steps) else scenario.DT
     if not 0 < median < np.inf:
         raise ScenarioError(f"the times of the steps do not rise: {median} s apart")
-    return median
+    return scenario.DT if abs(median - scenario.DT) <= CLOCK_JITTER else median
 
 
 def object_types(codes: Int[np.ndarray, " objects"]) -> Int[np.ndarray, " objects"]:

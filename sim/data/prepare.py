@@ -2,25 +2,28 @@
 
 import concurrent.futures
 import dataclasses
-import importlib.metadata
-import json
+import itertools
+import math
 import pathlib
 import queue
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from . import shard as shards, store, workers
+import numpy as np
+
+from . import plan as plans, shard as shards, store, tally as tallies, workers
 from .inputs import Input
 from .pack import PackConfig
-from .packed import QUANTUM
-from .shard import Job, RecordError
+from .shard import Job, Made, RecordError
+from .tally import Tally
 
-SHARD_BYTES = 2**26  # of input files per shard; a larger file makes a shard of its own
-SHARD_SEEDS = 256  # of the generator per shard
-PLAN = "plan.json"
+# The most that a shard is made of; a larger file makes a shard of its own.
+SHARD_BYTES = 2**26  # of input files
+SHARD_SEEDS = 256  # of the generator
+FEW_SHARDS = 32  # of smaller sets: enough for the workers of most machines
+LEAST = 1 / 32  # of the most: 2 MB, 8 seeds
 PATIENCE = 0.2  # seconds between looks at the workers
-VERSIONS = ("drivetrain", "numpy", "array-record")
 
 Tick = Callable[[int, int], None]
 
@@ -66,136 +69,131 @@ def prepare(
     Raises:
         RecordError: on the first bad record of a strict run, or if no record is usable;
             then nothing is left behind but what an earlier run had finished.
-        FileExistsError: if the folder holds something else, or a store of other inputs
-            or settings.
+        FileExistsError: if the folder holds something else, or a store of other inputs,
+            settings or versions.
+        StoreError: if the plan of an earlier run is damaged.
         WorkerError: if a worker was killed.
     """
-    is_new = _claim(out, _plan(inputs, config))
+    is_new = plans.claim(out, plans.plan_of(inputs, config))
     jobs = [
         Job(out / f"shard-{number:05d}.array_record", group, config, strict)
         for number, group in enumerate(_groups(inputs))
     ]
     try:
         made, num_continued = _make(jobs, tick, num_workers)
-        bad = [record for shard in made for record in shard["bad"]]
-        if strict and bad:
-            record = bad[0]
-            raise RecordError(
-                f"{record['file']}, record {record['record']}: {record['reason']}"
-            )
-        entries = [entry for shard in made for entry in shard["scenarios"]]
-        if not entries:
-            first = bad[0] if bad else {"file": inputs[0], "reason": "it has no record"}
-            raise RecordError(
-                f"no usable scenario in {len(inputs)} files; the first record left out "
-                f"is of {first['file']}: {first['reason']}"
-            )
+        total = tallies.total([shard.tally for shard in made])
+        _require_usable(total, inputs, strict)
     except RecordError:
         if is_new:
             _clear(out)
         raise
-    store.write_json(out / store.MANIFEST, _manifest(jobs, made, config))
-    counts = Counter(entry["scenario_id"] for entry in entries)
+    store.write_json(out / store.MANIFEST, _manifest(jobs, made, total, config))
     return Summary(
-        num_scenarios=len(entries),
+        num_scenarios=total.num_scenarios,
         num_shards=len(made),
         num_continued=num_continued,
-        num_bytes=sum(entry["num_bytes"] for entry in entries),
-        num_coarse=sum(entry["quantum"] > QUANTUM for entry in entries),
-        num_index_dropped=sum(entry["num_index_dropped"] for entry in entries),
-        bad=bad,
-        duplicates=[name for name, count in counts.items() if count > 1],
+        num_bytes=total.num_bytes,
+        num_coarse=total.num_coarse,
+        num_index_dropped=total.num_index_dropped,
+        bad=total.bad,
+        duplicates=_duplicates(jobs, made, total),
     )
 
 
+def _require_usable(total: Tally, inputs: Sequence[Input], strict: bool) -> None:
+    """Raises if a strict run met a bad record, or there is no scenario."""
+    if strict and total.bad:
+        record = total.bad[0]
+        raise RecordError(
+            f"{record['file']}, record {record['record']}: {record['reason']}"
+        )
+    if not total.num_scenarios:
+        nothing = {"file": inputs[0], "reason": "it has no record"}
+        first = total.bad[0] if total.bad else nothing
+        raise RecordError(
+            f"no usable scenario in {len(inputs)} files; the first record left out "
+            f"is of {first['file']}: {first['reason']}"
+        )
+
+
+def _duplicates(jobs: Sequence[Job], made: Sequence[Made], total: Tally) -> list[str]:
+    """Returns the ids that came more than once, from the lists that have some."""
+    repeated = total.repeated()
+    found: dict[str, None] = {}
+    for job, shard in zip(jobs, made, strict=True):
+        if np.isin(shard.tally.id_hashes, repeated).any():
+            names = [
+                e["scenario_id"] for e in store.read_json(job.listing)["scenarios"]
+            ]
+            is_repeated = np.isin(tallies.hashes(names), repeated)
+            found |= dict.fromkeys(itertools.compress(names, is_repeated))
+    return list(found)
+
+
 def _manifest(
-    jobs: Sequence[Job], made: Sequence[dict[str, Any]], config: PackConfig
+    jobs: Sequence[Job], made: Sequence[Made], total: Tally, config: PackConfig
 ) -> dict[str, Any]:
-    entries = [entry for shard in made for entry in shard["scenarios"]]
     return {
         "format_version": store.FORMAT_VERSION,
-        "versions": {name: importlib.metadata.version(name) for name in VERSIONS},
+        "versions": plans.versions(),
         "pack": dataclasses.asdict(config),
-        "num_scenarios": len(entries),
-        "num_bad_records": sum(len(shard["bad"]) for shard in made),
-        "datasets": dict(Counter(entry["dataset"] for entry in entries)),
-        "route_sources": dict(Counter(entry["route_source"] for entry in entries)),
+        "num_scenarios": total.num_scenarios,
+        "num_bad_records": len(total.bad),
+        "datasets": dict(total.datasets),
+        "route_sources": dict(total.route_sources),
         "shards": [
-            {"name": job.path.name, "sha256": shard["sha256"]}
+            {"name": job.path.name, "sha256": shard.sha256}
             for job, shard in zip(jobs, made, strict=True)
         ],
     }
 
 
-def _plan(inputs: Sequence[Input], config: PackConfig) -> dict[str, Any]:
-    """Returns what a store is made of: a store of another plan is another store."""
-    named = [
-        [f"synthetic:{item.start}:{len(item)}", len(item)]
-        if isinstance(item, range)
-        else [str(item.resolve()), item.stat().st_size]
-        for item in inputs
-    ]
-    return {"pack": dataclasses.asdict(config), "inputs": named}
-
-
-def _claim(out: pathlib.Path, plan: dict[str, Any]) -> bool:
-    """Makes the folder of the store, or checks that an earlier run made it.
-
-    Returns:
-        Whether the store is new.
-    """
-    if (out / PLAN).is_file():
-        if json.loads((out / PLAN).read_text()) != plan:
-            raise FileExistsError(
-                f"'{out}' holds a store of other files or settings; name another "
-                "folder, or delete this one first"
-            )
-        return False
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise FileExistsError(f"'{out}' is there and no store; name a new folder")
-    out.mkdir(parents=True, exist_ok=True)
-    store.write_json(out / PLAN, plan)
-    return True
-
-
 def _groups(inputs: Sequence[Input]) -> Iterator[list[Input]]:
-    """Yields the inputs of each shard: the same inputs make the same shards."""
+    """Yields the inputs of each shard: the same inputs make the same shards.
+
+    However many workers there are, small sets make small shards, so that they share
+    them.
+    """
+    most = min(1.0, max(LEAST, sum(map(_share, inputs)) / FEW_SHARDS))
     group: list[Input] = []
     share = 0.0
-    for item in (part for whole in inputs for part in _parts(whole)):
+    for item in (part for whole in inputs for part in _parts(whole, most)):
         group.append(item)
-        if isinstance(item, range):
-            share += len(item) / SHARD_SEEDS
-        else:
-            share += item.stat().st_size / SHARD_BYTES
-        if share >= 1:
+        share += _share(item)
+        if share >= most:
             yield group
             group, share = [], 0.0
     if group:
         yield group
 
 
-def _parts(item: Input) -> Iterator[Input]:
+def _share(item: Input) -> float:
+    """Returns how much of a full shard an input makes."""
     if isinstance(item, range):
-        yield from (item[i : i + SHARD_SEEDS] for i in range(0, len(item), SHARD_SEEDS))
+        return len(item) / SHARD_SEEDS
+    return item.stat().st_size / SHARD_BYTES
+
+
+def _parts(item: Input, most: float) -> Iterator[Input]:
+    if isinstance(item, range):
+        step = math.ceil(SHARD_SEEDS * most)
+        yield from (item[i : i + step] for i in range(0, len(item), step))
     else:
         yield item
 
 
-def _make(
-    jobs: Sequence[Job], tick: Tick, num_workers: int
-) -> tuple[list[dict[str, Any]], int]:
+def _make(jobs: Sequence[Job], tick: Tick, num_workers: int) -> tuple[list[Made], int]:
     """Makes the shards that are not there yet.
 
     Returns:
-        The lists of all shards, and how many were there.
+        All shards, and how many were there.
     """
-    made = {}
+    made: dict[int, Made] = {}
     count = _Count(tick)
     for number, job in enumerate(jobs):
         if (shard := shards.finished(job)) is not None:
             made[number] = shard
-            count.add(number, _num_inputs(job), len(shard["scenarios"]))
+            count.add(number, _num_inputs(job), shard.tally.num_scenarios)
     num_continued = len(made)
     rest = [number for number in range(len(jobs)) if number not in made]
     if num_workers > 1 and len(rest) > 1:
@@ -206,7 +204,7 @@ def _make(
     return [made[number] for number in range(len(jobs))], num_continued
 
 
-def _one(job: Job, number: int, add: Callable[[int, int, int], None]) -> dict[str, Any]:
+def _one(job: Job, number: int, add: Callable[[int, int, int], None]) -> Made:
     """Makes one shard; `add` learns its number and what is done of it."""
     sizes = [len(item) if isinstance(item, range) else 0 for item in job.inputs]
     seeds_before = [sum(sizes[:i]) for i in range(len(sizes))]
@@ -217,7 +215,7 @@ def _one(job: Job, number: int, add: Callable[[int, int, int], None]) -> dict[st
         add(number, done, num_scenarios)
 
     shard = shards.make(job, tick)
-    add(number, _num_inputs(job), len(shard["scenarios"]))
+    add(number, _num_inputs(job), shard.tally.num_scenarios)
     return shard
 
 
@@ -236,6 +234,8 @@ class _Count:
     def add(self, number: int, num_inputs: int, num_scenarios: int) -> None:
         """Notes what is done of one shard."""
         before = self._done.get(number, (0, 0))
+        if (num_inputs, num_scenarios) <= before:
+            return  # news from a worker that came late
         self._done[number] = (num_inputs, num_scenarios)
         self._total[0] += num_inputs - before[0]
         self._total[1] += num_scenarios - before[1]
@@ -244,7 +244,7 @@ class _Count:
 
 def _in_parallel(
     jobs: Sequence[Job], numbers: Sequence[int], count: _Count, num_workers: int
-) -> dict[int, dict[str, Any]]:
+) -> dict[int, Made]:
     news = workers.CONTEXT.Queue()
     with workers.pool(num_workers, _listen, news) as pool:
         futures = {
@@ -257,7 +257,9 @@ def _in_parallel(
             )
             _tell(news, count)
             for future in done:
-                future.result()  # raises what the worker raised
+                shard, number = future.result(), futures[future]  # or what it raised
+                # What the worker said last may still be on its way.
+                count.add(number, _num_inputs(jobs[number]), shard.tally.num_scenarios)
     return {number: future.result() for future, number in futures.items()}
 
 
@@ -274,12 +276,12 @@ def _listen(news: Any) -> None:
     globals()["_news"] = news
 
 
-def _work(job: Job, number: int) -> dict[str, Any]:
+def _work(job: Job, number: int) -> Made:
     return _one(job, number, lambda *found: globals()["_news"].put(found))
 
 
 def _clear(out: pathlib.Path) -> None:
     """Takes back what `prepare` wrote."""
-    for path in [out / PLAN, *out.glob("shard-*")]:
+    for path in [out / plans.PLAN, *out.glob("shard-*")]:
         path.unlink(missing_ok=True)
     out.rmdir()

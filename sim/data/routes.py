@@ -23,6 +23,7 @@ FOLLOW_DISTANCE = 4.0  # metres beside the log: a change of lane stays on route
 FOLLOW_SHARE = 0.9  # of the logged way
 CHANGE_LENGTH = 10.0  # metres along the road that a lane change takes
 CHANGE_PENALTY = 1.0  # metres nearer to the log that a neighbour lane must be
+FIRST_EDGES = 4  # of a way, beside one of which the ego starts
 LOG_SPACING = 2.0  # metres between the logged positions that paths are compared with
 
 
@@ -30,7 +31,7 @@ class _Branch(NamedTuple):
     """A way not yet followed to its end; heaps compare the first three fields."""
 
     departures: int  # how often it took another lane than the one nearest to the log
-    length: float  # metres up to `point`
+    length: float  # metres from the ego's start to `point`; below 0 for one behind it
     order: int
     lane: int
     point: int  # where it enters the lane
@@ -46,8 +47,8 @@ def with_paths(scenario: Scenario) -> Scenario:
 def paths_of(scenario: Scenario) -> Paths:
     """Returns the paths of a scenario: its own if one is on-route, else found ones.
 
-    Each path starts at or before the ego's first valid position and follows lanes for
-    the logged distance and 30 m more, or until the lanes end. A path is on-route if
+    Each path starts beside the ego's first valid position and follows lanes for the
+    logged distance and 30 m more, or until the lanes end. A path is on-route if
     90 % of the logged way and the logged end lie within 4 m of it, and it leads there
     in the direction of the ego's yaw (within 90 degrees). If no path does, the logged
     track itself, 30 m straight on, becomes the first path.
@@ -61,9 +62,9 @@ def paths_of(scenario: Scenario) -> Paths:
     On-route paths come first, and among them those that pass nearest to the logged end:
     where paths run together, the first one counts.
 
-    The source is `lane_graph` or `lane_ends` where there are lanes to follow, and `log`
-    where no such lane lies at the start. Lane ends tell of no neighbours: with them
-    there are no changes later on.
+    The source is that of the route: `lane_graph` or `lane_ends` where lanes lead there,
+    and `log` where the logged track stands in. Lane ends tell of no neighbours: with
+    them there are no changes later on.
     """
     if scenario.paths is not None and scenario.paths.on_route.any():
         return scenario.paths
@@ -77,15 +78,16 @@ def paths_of(scenario: Scenario) -> Paths:
 
     graph = lane_graph(scenario.roads, scenario.lane_links)
     starts = _starts(graph, logged[0], yaw[0])
-    ways = _search(graph, starts, length, _resample(track_on, LOG_SPACING))
+    ways = _search(graph, starts, logged[0], length, _resample(track_on, LOG_SPACING))
     found = _distinct([_path(graph, pieces, logged[0], length) for pieces in ways])
-    on_route = _on_route(found, _resample(track, LOG_SPACING), logged[-1], yaw[-1])
-    if not on_route.any():
+    follows = _on_route(found, _resample(track, LOG_SPACING), logged[-1], yaw[-1])
+    on_route = follows
+    if not follows.any():
         of_log = _resample(track_on, SPACING)
         of_log = np.concatenate([of_log, np.zeros((len(of_log), 1))], axis=1)
         found = [of_log, *found][:MAX_PATHS]
         on_route = np.arange(len(found)) == 0
-    if not starts:
+    if not follows.any():
         source = "log"
     else:
         source = "lane_ends" if scenario.lane_links is None else "lane_graph"
@@ -127,13 +129,14 @@ def _starts(
 def _search(
     graph: LaneGraph,
     starts: list[tuple[int, int]],
+    position: Float[np.ndarray, " 3"],
     length: float,
     log: Float[np.ndarray, "steps 3"],
 ) -> list[tuple[tuple[int, int], ...]]:
     """Returns ways through the lanes as runs of points, the fewest departures first."""
     ways = []
     heap = [
-        _Branch(min(i, 1), 0.0, i, lane, point, (), i > 0)
+        _Branch(min(i, 1), -_behind(graph, point, position), i, lane, point, (), i > 0)
         for i, (lane, point) in enumerate(starts)
     ]
     entered = set()
@@ -162,6 +165,14 @@ def _search(
             departures = branch.departures + (rank > 0 or not ahead)
             heapq.heappush(heap, child._replace(departures=departures, order=order))
     return ways
+
+
+def _behind(graph: LaneGraph, point: int, position: Float[np.ndarray, " 3"]) -> float:
+    """Returns how far a point of a lane lies behind a place beside its edge [m]."""
+    edge = graph.xyz[point + 1, :2] - graph.xyz[point, :2]
+    length = np.hypot(*edge)
+    along = (position - graph.xyz[point])[:2] @ edge / max(length, 1e-9)
+    return float(np.clip(along, 0.0, length))
 
 
 def _successors(graph: LaneGraph, branch: _Branch, length: float) -> list[_Branch]:
@@ -214,18 +225,27 @@ def _path(
     position: Float[np.ndarray, " 3"],
     length: float,
 ) -> Float[np.ndarray, "points 4"]:
-    """Returns the points of a way, prolonged back to `position` if it begins ahead.
+    """Returns the points of a way from beside `position` on.
 
-    The fourth column is the speed limit there [m/s], 0 where none is known.
+    It begins where the position projects onto its first edges, and is prolonged back if
+    it begins ahead. The fourth column is the speed limit there [m/s], 0 where none is
+    known.
     """
     runs = [np.arange(first, last + 1) for first, last in pieces]
     points = np.concatenate(runs)
     xyz, limit = graph.xyz[points], graph.limit[points]
-    edge = xyz[min(1, len(xyz) - 1)] - xyz[0]
-    along = (position - xyz[0])[:2] @ edge[:2] / max(edge[:2] @ edge[:2], 1e-9)
-    if along < 0:
-        xyz = np.concatenate([xyz[:1] + along * edge, xyz])
-        limit = np.concatenate([limit[:1], limit])
+    edge = np.diff(xyz[: FIRST_EDGES + 1], axis=0)
+    if len(edge):
+        offset = (position - xyz[: len(edge)])[:, :2]
+        squared = np.maximum(np.sum(edge[:, :2] ** 2, axis=1), 1e-9)
+        along = np.minimum(np.sum(offset * edge[:, :2], axis=1) / squared, 1.0)
+        along[1:] = np.maximum(along[1:], 0.0)
+        gap = offset - along[:, None] * edge[:, :2]
+        nearest = int(np.argmin(np.sum(gap**2, axis=1)))
+        start = xyz[nearest] + along[nearest] * edge[nearest]
+        begin = nearest + (along[nearest] >= 0)
+        xyz = np.concatenate([start[None], xyz[begin:]])
+        limit = np.concatenate([limit[nearest : nearest + 1], limit[begin:]])
     samples = _resample(xyz, SPACING, length)
     at = np.searchsorted(stations(xyz), SPACING * np.arange(len(samples)), "right") - 1
     return np.concatenate([samples, limit[at, None]], axis=1)

@@ -18,6 +18,7 @@ _SPELLED_BY_WOMD = (
 _KINDS = {
     "LANE_UNKNOWN": MapType.LANE_UNDEFINED,
     "LANE_BIKE_LANE": MapType.LANE_BIKE,
+    "LANE_SURFACE_UNSTRUCTURE": MapType.LANE_SURFACE_STREET,  # lanes inside junctions
     "CROSS_WALK": MapType.CROSSWALK,
     **{kind.name: kind for kind in _SPELLED_BY_WOMD},
     **{

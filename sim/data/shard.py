@@ -9,11 +9,12 @@ import pathlib
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from . import entry, inputs, store
+from . import entry, inputs, store, tally as tallies
 from .base import BadRecord
 from .inputs import Input
 from .pack import PackConfig
 from .packed import Packed
+from .tally import Tally
 
 
 class RecordError(ValueError):
@@ -35,23 +36,33 @@ class Job:
         return self.path.with_suffix(".json")
 
 
-def finished(job: Job) -> dict[str, Any] | None:
-    """Returns the list of a shard that an earlier run finished, if it is whole."""
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Made:
+    """A shard that is there: its SHA-256, and the sums of its list."""
+
+    sha256: str
+    tally: Tally
+
+
+def finished(job: Job) -> Made | None:
+    """Returns the shard that an earlier run finished, if it and its list are whole."""
     if not (job.listing.is_file() and job.path.is_file()):
         return None
-    shard = store.read_json(job.listing)
-    return shard if shard["sha256"] == store.file_digest(job.path) else None
+    try:
+        listing = store.read_json(job.listing)
+        made = Made(sha256=listing["sha256"], tally=tallies.tally_of(listing))
+        [entry.Entry(**fields) for fields in listing["scenarios"]]
+    except (ValueError, LookupError, TypeError, AttributeError):
+        return None
+    return made if made.sha256 == store.file_digest(job.path) else None
 
 
-def make(job: Job, tick: Callable[[int, int], None]) -> dict[str, Any]:
+def make(job: Job, tick: Callable[[int, int], None]) -> Made:
     """Writes a shard and its list.
 
     Args:
         job: what to make.
         tick: called after each record with the inputs and scenarios done.
-
-    Returns:
-        The list: the shard's SHA-256, its scenarios, and the bad records of its inputs.
 
     Raises:
         RecordError: on the first bad record, if the job is strict.
@@ -72,9 +83,9 @@ def make(job: Job, tick: Callable[[int, int], None]) -> dict[str, Any]:
                 tick(number, len(entries))
 
     digest = store.write_shard(job.path, scenarios())
-    shard = {"sha256": digest, "bad": bad, "scenarios": entries}
-    store.write_json(job.listing, shard)
-    return shard
+    listing = {"sha256": digest, "bad": bad, "scenarios": entries}
+    store.write_json(job.listing, listing)
+    return Made(sha256=digest, tally=tallies.tally_of(listing))
 
 
 def _bad_entry(record: BadRecord) -> dict[str, Any]:

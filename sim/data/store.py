@@ -24,7 +24,7 @@ from .. import files
 from .entry import Entry
 from .packed import Packed
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 MANIFEST = "manifest.json"
 WRITER_OPTIONS = "group_size:1,zstd:3"
 _DTYPES = "bool float32 float64 int8 int16 int32 int64 uint8 uint16 uint32".split()
@@ -143,6 +143,11 @@ def read_manifest(path: pathlib.Path) -> dict[str, Any]:
     if not path.exists():
         raise FileNotFoundError(
             f"no store at '{path}'; make one with 'drivetrain prepare FILES {path}'"
+        )
+    if path.is_file():
+        raise FileNotFoundError(
+            f"'{path}' is a file, and a store is a folder; make one of logs with "
+            "'drivetrain prepare FILES STORE'"
         )
     if not is_store(path):
         if not any(path.glob("shard-*")):

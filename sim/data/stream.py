@@ -24,7 +24,7 @@ from .pages import Layout
 class StreamConfig:
     """Whether and how a store streams through the bank."""
 
-    resident: int | None = None  # scenarios in the bank at once; None: all, for good
+    resident: int | None = None  # scenarios in a process's bank; None: all, for good
     pages: int = 8  # of the bank; one is replaced at a time
     updates_per_page: int = 500  # of the learner, after which one is replaced
 
@@ -82,7 +82,7 @@ class Stream:
 
         Args:
             source: a store, and which of its scenarios are wanted.
-            config: `resident` counts the scenarios of all devices together.
+            config: `resident` counts the scenarios of all devices of this process.
             max_objects: of a scenario, those that matter most to the ego.
             num_devices: of this process, that share what is resident.
             seed: of the order.
@@ -93,32 +93,15 @@ class Stream:
                 pages and devices.
             SourceError: if the store holds fewer scenarios than are to be resident.
         """
-        if not source.is_store:
-            raise ValueError(
-                f"'{source.path}' cannot stream: it is no store; make one with "
-                f"'drivetrain prepare {source.path} STORE', or leave stream.resident "
-                "out"
-            )
-        num_places = config.pages * num_devices
-        resident = config.resident or 0
-        if not resident or resident % num_places:
-            raise ValueError(
-                f"stream.resident must be a multiple of {config.pages} pages on "
-                f"{num_devices} devices, got {config.resident}."
-            )
-        numbers = wanted_numbers(source)[part.process :: part.num_processes]
-        if len(numbers) < resident:
-            raise SourceError(
-                f"'{source.path}' has {len(numbers)} scenarios of those wanted, fewer "
-                f"than the {resident} of stream.resident; leave it out to hold them all"
-            )
+        per_page = _scenarios_per_page(source, config, num_devices)
+        numbers = _numbers(source, config, part)
         path = pathlib.Path(source.path)
         entries = store.entries(path)
         self.layout = Layout.of(
             [entries[number] for number in numbers],
             max_objects,
             config.pages,
-            resident // num_places,
+            per_page,
         )
         self.num_scenarios = len(numbers)
         self._sizes = self.layout.sizes_of(entries)
@@ -210,6 +193,34 @@ class Stream:
             "next": self._next,
         }
         return copy.deepcopy(state)
+
+
+def _scenarios_per_page(source: Source, config: StreamConfig, num_devices: int) -> int:
+    """Returns how many there are of one device, if the source can stream so."""
+    if not source.is_store:
+        raise ValueError(
+            f"'{source.path}' cannot stream: it is no store; make one with "
+            f"'drivetrain prepare {source.path} STORE', or leave stream.resident out"
+        )
+    num_places = config.pages * num_devices
+    resident = config.resident or 0
+    if not resident or resident % num_places:
+        raise ValueError(
+            f"stream.resident must be a multiple of {config.pages} pages on "
+            f"{num_devices} devices, got {config.resident}."
+        )
+    return resident // num_places
+
+
+def _numbers(source: Source, config: StreamConfig, part: Part) -> list[int]:
+    """Returns the numbers of the records that a process draws."""
+    numbers = wanted_numbers(source)[part.process :: part.num_processes]
+    if len(numbers) < (config.resident or 0):
+        raise SourceError(
+            f"'{source.path}' has {len(numbers)} scenarios of those wanted, fewer than "
+            f"the {config.resident} of stream.resident; leave it out to hold them all"
+        )
+    return numbers
 
 
 def _stacked(banks: list[Bank]) -> Bank:

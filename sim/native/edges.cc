@@ -73,7 +73,8 @@ class EdgeMap {
     corner_ = edges.corner.at(place) + 2 * scenario;
     shape_ = edges.shape.at(place) + 2 * scenario;
     nodes_ = edges.nodes.at(place) + edges.first_node.at(place)[scenario];
-    blocks_ = edges.blocks.at(place) + edges.first_block.at(place)[scenario];
+    const int64_t first_block = edges.first_block.at(place)[scenario];
+    blocks_ = edges.blocks.at(place) + edges.blocks.length(1) * first_block;
     const int64_t first_vertex = edges.first_vertex.at(place)[scenario];
     num_vertices_ = edges.num_edge_vertices.at(place)[scenario];
     vertices_ = edges.vertices.at(place) + 3 * first_vertex;

@@ -61,7 +61,8 @@ def test_a_source_is_at_no_distance_from_itself(
     with pytest.raises(ValueError, match="names two sources that differ"):
         comparison.compare({"one": {}})
     assert drivetrain("data", "compare", *words) == 2
-    assert "names two sources that differ" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "names two sources that differ" in said and "reading" not in said
     words[1] = "synthetic:1:4"
     assert drivetrain("data", "compare", *words) == 0
     rows = json.loads((tmp_path / "out.json").read_text())
@@ -73,3 +74,12 @@ def test_a_source_is_at_no_distance_from_itself(
 def test_what_is_no_store_is_named(drivetrain, capsys: pytest.CaptureFixture) -> None:
     assert drivetrain("data", "summary", "nowhere") == 2
     assert "no store at 'nowhere'" in capsys.readouterr().err
+
+
+def test_a_file_is_no_store_and_no_folder(
+    drivetrain, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture
+) -> None:
+    (tmp_path / "README.md").write_text("words")
+    assert drivetrain("data", "summary", "README.md") == 2
+    said = capsys.readouterr().err
+    assert "'README.md' is a file, and a store is a folder" in " ".join(said.split())

@@ -22,8 +22,10 @@ def choose(
 ) -> int | None:
     """Draws the ego among the drivers, or None if nobody qualifies.
 
-    It is a car, there throughout and near the middle of the town, that moves as a
-    bicycle can and touches nobody. Who turns is more likely.
+    It is a car, there throughout and near the middle of the town, that keeps to
+    accelerations and curvatures that a bicycle can follow. Who turns or stays is more
+    likely. Whether it touches others is not looked at: those who come within 0.3 m of
+    it leave the scenario later (`log.overlaps_earlier`).
     """
     driver = np.arange(len(tracks.object_type)) < num_drivers
     fits = driver & (tracks.object_type == ObjectType.VEHICLE)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from drivetrain.sim.data import bank
+from drivetrain.sim.data import bank, inputs
 from drivetrain.sim.data.bank import Bank, Sizes
 from drivetrain.sim.data.pack import PackConfig, pack
 from drivetrain.sim.data.packed import Packed
@@ -210,3 +210,21 @@ def test_quantised_and_unquantised_scenarios_do_not_mix(mixed):
 
     with pytest.raises(ValueError, match="some scenarios are quantised"):
         bank.build([mixed[0], exact], Sizes.of(mixed, MANY))
+
+
+SAMPLES = tuple(
+    path
+    for pattern in ("womd/*.tfrecord", "womd_json/*.json.gz", "nocturne/*.json.gz")
+    for path in sorted(files.REAL_DATA.glob(pattern))
+)
+WOMD_TRAINING = 487_000  # scenarios
+
+
+@pytest.mark.skipif(not SAMPLES, reason=files.NO_REAL_DATA)
+def test_one_device_can_number_the_rows_of_all_of_womd():
+    records = inputs.all_records(SAMPLES[::3], PackConfig())
+    packed = [record for record in records if isinstance(record, Packed)]
+
+    for kind in bank.TABLES:
+        mean = np.mean([one.rows[kind] for one in packed])
+        assert mean * WOMD_TRAINING <= bank.MAX_ROWS, kind

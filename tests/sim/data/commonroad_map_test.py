@@ -39,7 +39,7 @@ def read(root: Element) -> tuple[Polylines, LaneLinks, Lights]:
     return (
         commonroad_map.roads(root, lanes, signs),
         commonroad_map.links(lanes, signs),
-        commonroad_lights.read(root, lanes, num_steps=30),
+        commonroad_lights.read(root, lanes, np.arange(30.0)),
     )
 
 
@@ -212,9 +212,9 @@ def test_a_light_of_several_lanes_is_read_once(
     root.append(strip(2, (0, 9), (10, 9), '<trafficLightRef ref="9"/>'))
     read_states, told = commonroad_lights._states, []
 
-    def counted(element: Element, num_steps: int) -> np.ndarray:
+    def counted(element: Element, steps: np.ndarray) -> np.ndarray:
         told.append(element.get("id"))
-        return read_states(element, num_steps)
+        return read_states(element, steps)
 
     monkeypatch.setattr(commonroad_lights, "_states", counted)
     _, _, lights = read(root)

@@ -78,6 +78,23 @@ def test_a_log_that_starts_later_starts_at_step_zero(version: str) -> None:
     assert files.differences(converted(root).tracks, plain.tracks) == []
 
 
+@pytest.mark.parametrize(("step", "current"), [(0.04, 25), (0.1, 10), (0.2, 5)])
+def test_history_takes_a_second_at_any_rate(step: float, current: int) -> None:
+    root = document()
+    root.set("timeStepSize", str(step))
+    assert converted(root).current_step == current
+
+
+def test_lights_of_a_log_that_starts_later_are_later_in_their_cycle() -> None:
+    root = document()
+    plain = converted(root).lights  # of 30 steps, as long as the cycles
+    for time in root.iterfind(".//time/exact"):
+        time.text = str(int(time.text or "") + 7)
+    later = converted(root).lights
+    assert (plain.state != np.roll(plain.state, -7, axis=1)).any()
+    np.testing.assert_array_equal(later.state, np.roll(plain.state, -7, axis=1))
+
+
 @pytest.mark.parametrize(
     ("word", "kind"),
     [

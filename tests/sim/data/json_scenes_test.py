@@ -26,7 +26,10 @@ MEDIAN_HEADING_ERROR = 0.1  # radians between heading and velocity of what moves
 def written(seed: int = 0) -> Scenario:
     """Returns a scenario as the reader should name it."""
     return dataclasses.replace(
-        files.scenario(seed), dataset="womd_json", lane_links=None
+        files.scenario(seed),
+        dataset="womd_json",
+        lane_links=None,
+        assumptions=("headings: radians, as none exceeds 6.3",),
     )
 
 
@@ -60,13 +63,23 @@ def test_a_scenario_comes_back(seed: int) -> None:
 def test_degrees_are_told_from_radians() -> None:
     wanted = written()
     found = converted(files.json_document(wanted, in_degrees=True))
-    assert files.differences(found, wanted, ROUNDING) == []
+    assert found.assumptions == ("headings: degrees, as some exceed 6.3",)
+    same = dataclasses.replace(found, assumptions=wanted.assumptions)
+    assert files.differences(same, wanted, ROUNDING) == []
 
 
 def test_an_old_file_gets_what_it_lacks() -> None:
     wanted = written()
     found = converted(old_document())
     assert found.scenario_id == "file"
+    assert found.assumptions == (
+        "ego: chosen among the vehicles",
+        "headings: degrees, as some exceed 6.3",
+        "heights: one for each kind of object",
+        "places: at height zero",
+        "ids: the places in the lists",
+        "kinds of lanes, lines and edges",
+    )
     assert (found.ego_index, found.ego_source) == (4, "last")
     assert not found.tracks.is_of_interest.any()
     assert found.tracks.object_id.tolist() == [0, 1, 2, 3, 4]
@@ -82,7 +95,9 @@ def test_an_old_file_gets_what_it_lacks() -> None:
 def test_an_unknown_code_of_the_map_leaves_the_word() -> None:
     document = files.json_document(written())
     document["roads"][0]["map_element_id"] = -1
-    assert converted(document).roads.map_type[0] == MapType.LANE_UNDEFINED
+    found = converted(document)
+    assert found.roads.map_type[0] == MapType.LANE_UNDEFINED
+    assert "kinds of lanes, lines and edges" in found.assumptions
 
 
 def test_an_unknown_state_of_a_light_is_unknown() -> None:
@@ -134,6 +149,12 @@ def test_what_is_malformed_is_named(
 @pytest.mark.parametrize("text", [b"{", b'{"objects": NaN}', b"[" * 10**6, b"[]", b"7"])
 def test_text_that_is_no_json_of_womd_is_an_error(text: bytes) -> None:
     with pytest.raises(ScenarioError, match=r"no valid JSON|no list 'objects'"):
+        json_scenes.convert(text, fallback_id="file")
+
+
+def test_a_map_of_argoverse_is_answered_with_what_to_name() -> None:
+    text = orjson.dumps({"lane_segments": {}, "drivable_areas": {}})
+    with pytest.raises(ScenarioError, match=r"name the \.parquet file beside it"):
         json_scenes.convert(text, fallback_id="file")
 
 

@@ -1,75 +1,35 @@
 """Tests that a packed scenario, seen through a scene, says what its source says."""
 
-import dataclasses
-import functools
-from collections.abc import Iterator
-
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from drivetrain.sim.data import bank, build, routes
-from drivetrain.sim.data.pack import PackConfig, pack
-from drivetrain.sim.data.packed import LIMIT_QUANTUM, QUANTUM, Packed
+from drivetrain.sim.data import build, routes
+from drivetrain.sim.data.pack import PackConfig
 from drivetrain.sim.data.synthetic import generate as synthetic
-from drivetrain.sim.motion import Motion
-from drivetrain.sim.scenario import EDGES, Polylines, Scenario
-from drivetrain.sim.scene import Scene
-from drivetrain.sim.scene_records import Lights, PathSegments, Segments
+from drivetrain.sim.scenario import EDGES, Scenario
 from tests.oracles import geometry
 from tests.sim.data import files
+from tests.sim.data.packed_views import (
+    FLOAT32,
+    LENGTH,
+    POSITION,
+    SHAPE,
+    SPEED,
+    YAW,
+    View,
+    distance,
+    in_scene,
+    logged,
+    source_segments,
+    views,
+)
 
-POSITION = 0.01  # metres: half a quantum along each axis, and float32
-YAW = np.radians(0.1)
-SPEED = 0.01  # metres per second
-SHAPE = 0.03 + 0.01  # metres: what simplification may move, and quantisation
-FLOAT32 = 1e-4  # metres: the step of float32 at 1 km is 6e-5
-LENGTH = 0.01  # share of a path's length that simplification may take
-MAX_OBJECTS = 256
 REAL = (
     "womd/motion_data_one_example.tfrecord",
     "womd/motion_data_one_scenario.tfrecord",
     "womd_json/tfrecord-00005-of-00150_2bd577a009790706.json.gz",
     "womd_json/tfrecord-00009-of-00150_6ece5198f531a353.json.gz",
 )
-
-
-@dataclasses.dataclass(frozen=True)
-class View:
-    """A source, its packed form, and what a scene shows of that."""
-
-    source: Scenario
-    packed: Packed
-    log: Motion  # [steps, objects]
-    lights: Lights  # [steps, lights]
-    segments: Segments
-    paths: PathSegments
-
-    @functools.cached_property
-    def order(self) -> np.ndarray:
-        """The place in the source of each packed object."""
-        places = {int(n): i for i, n in enumerate(self.source.tracks.object_id)}
-        return np.array([places[int(number)] for number in self.packed.object_id])
-
-
-@jax.jit
-def shown(banked: bank.Bank, index: jax.Array):
-    """Returns all that a scene shows, at every step of the bank."""
-    scene = Scene(bank=banked, index=index)
-    steps = jnp.arange(banked.sizes.num_steps)
-    log, lights = jax.vmap(scene.log_at)(steps), jax.vmap(scene.lights_at)(steps)
-    return log, lights, scene.map_segments(), scene.path_segments()
-
-
-def views(scenarios: list[Scenario], config: PackConfig) -> list[View]:
-    """Packs scenarios into one bank and looks at each."""
-    packed = [pack(scenario, config) for scenario in scenarios]
-    banked = bank.build(packed, bank.Sizes.of(packed, MAX_OBJECTS))
-    return [
-        View(source, one, *jax.tree.map(np.asarray, shown(banked, jnp.int32(i))))
-        for i, (source, one) in enumerate(zip(scenarios, packed, strict=True))
-    ]
 
 
 def sources(kind: str) -> list[Scenario]:
@@ -97,47 +57,6 @@ def packed_views(scenarios: list[Scenario]) -> list[View]:
 @pytest.fixture(scope="module")
 def exact_views(scenarios: list[Scenario]) -> list[View]:
     return views(scenarios[1:4], PackConfig(quantize=False))
-
-
-def in_scene(view: View, xyz: np.ndarray) -> np.ndarray:
-    """Moves places of the file into the scenario's frame."""
-    return xyz - view.source.tracks.xyz[view.source.ego_index, view.source.current_step]
-
-
-def distance(points: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Returns the distance of each point to the nearest of the segments."""
-
-    def nearest(point: np.ndarray) -> float:
-        _, foot = geometry.feet(point, start, end)
-        return np.linalg.norm(point - foot, axis=1).min()
-
-    return np.array([nearest(point) for point in points])
-
-
-def source_segments(roads: Polylines, kinds: tuple) -> tuple[np.ndarray, np.ndarray]:
-    """Returns where the pieces of the source's features of some kinds start and end."""
-    runs = [
-        roads.points_of(i)[[0, *range(n)]]  # a sign is a piece of no length
-        for i, n in enumerate(np.diff(roads.offset))
-        if roads.map_type[i] in kinds
-    ]
-    return (
-        np.concatenate([run[:-1] for run in runs]),
-        np.concatenate([run[1:] for run in runs]),
-    )
-
-
-def logged(view: View) -> Iterator[tuple[np.ndarray, ...]]:
-    """Yields what the scene and the source say wherever the source is valid."""
-    tracks, valid = view.source.tracks, view.source.tracks.valid[view.order]
-    for name, wanted in (
-        ("xyz", in_scene(view, tracks.xyz)),
-        ("yaw", tracks.yaw),
-        ("velocity", tracks.velocity),
-    ):
-        found = getattr(view.log, name)[: view.source.num_steps, : len(view.order)]
-        found = np.swapaxes(found, 0, 1)
-        yield found[valid], wanted[view.order][valid]
 
 
 def test_poses_read_back_within_a_centimetre_and_a_tenth_of_a_degree(packed_views):
@@ -300,104 +219,3 @@ def test_the_ends_of_the_log_are_where_they_project_onto_the_paths(packed_views)
                 place = start + (arc - view.paths.arc[own][at]) * along
 
                 assert np.linalg.norm(track[step, :2] - place) <= gap + POSITION
-
-
-def stretched(factor: float) -> Scenario:
-    """Returns a scenario whose map is larger: some of its points lie far away."""
-    scenario = dataclasses.replace(files.scenario(3), paths=None)
-    roads = dataclasses.replace(scenario.roads, xyz=scenario.roads.xyz * factor)
-    return routes.with_paths(dataclasses.replace(scenario, roads=roads))
-
-
-@pytest.mark.parametrize("factor", [4.0, 7.0])
-def test_wide_scenarios_read_back_within_a_coarser_quantum(factor):
-    (view,) = views([stretched(factor)], PackConfig())
-    quantum = view.packed.quantum
-    (xyz, wanted), *_, (velocity, wanted_velocity) = logged(view)
-    start, end = source_segments(view.source.roads, EDGES)
-
-    assert quantum / QUANTUM in (2.0, 4.0)
-    assert np.abs(xyz - wanted).max() <= quantum / 2 + FLOAT32
-    assert np.abs(velocity - wanted_velocity).max() < SPEED
-    edges = view.segments.valid & np.isin(view.segments.map_type, EDGES)
-    found = view.segments.start[edges], view.segments.end[edges]
-    assert distance(in_scene(view, end), *found).max() < SHAPE + quantum
-    assert distance(found[0], in_scene(view, start), in_scene(view, end)).max() < (
-        SHAPE + quantum
-    )
-
-
-def test_the_place_of_a_light_that_was_never_seen_costs_no_precision():
-    scenario = files.scenario(1)
-    xyz, valid = scenario.lights.xyz.copy(), scenario.lights.valid.copy()
-    xyz[1] = 9e4
-    valid[1] = False
-    lights = dataclasses.replace(scenario.lights, xyz=xyz, valid=valid)
-
-    packed = pack(dataclasses.replace(scenario, lights=lights), PackConfig())
-
-    assert packed.quantum == QUANTUM
-
-
-def test_a_track_that_is_never_valid_is_left_out():
-    scenario = files.scenario(1)
-    valid = scenario.tracks.valid.copy()
-    valid[1] = False
-    tracks = dataclasses.replace(scenario.tracks, valid=valid)
-
-    packed = pack(dataclasses.replace(scenario, tracks=tracks), PackConfig())
-
-    assert len(packed.object_id) == len(scenario.tracks.object_id) - 1
-    assert tracks.object_id[1] not in packed.object_id
-
-
-def limited(source: Scenario) -> Scenario:
-    """Returns the scenario with limits along its first path: 10 m/s, none, 13.3."""
-    assert source.paths is not None
-    limit = np.zeros(len(source.paths.xyz))
-    limit[:9], limit[30:] = 10.0, 13.3
-    paths = dataclasses.replace(source.paths, speed_limit=limit, is_limited=limit > 0)
-    return dataclasses.replace(source, paths=paths)
-
-
-def test_speed_limits_are_shown_where_paths_have_them():
-    source = limited(routes.with_paths(files.scenario(1)))
-    (view,) = views([source], PackConfig())
-    paths, found = source.paths, view.paths
-    assert paths is not None
-    own = found.valid & (found.path == 0)
-    line = in_scene(view, paths.points_of(0))[:, :2]
-    shown = [
-        np.linalg.norm(line - start, axis=1).argmin() for start in found.start[own]
-    ]
-
-    assert {0, 9, 30} <= set(shown)  # the limit changes there
-    assert (found.is_limited[own] == paths.is_limited[shown]).all()
-    error = found.speed_limit[own] - paths.speed_limit[shown]
-    assert np.abs(error).max() <= LIMIT_QUANTUM / 2
-
-
-def test_stop_signs_show_which_way_they_stop():
-    source = files.scenario(1)
-    (packed,) = [pack(source, PackConfig())]
-    lane = source.roads.points_of(0)
-    place = source.roads.points_of(int(np.argmax(source.roads.map_type == 17)))
-    gap, _ = geometry.project(place[0, :2], lane[:, :2])
-    assert packed.stop_has_lane.tolist() == [gap <= 15.0]
-    near = dataclasses.replace(
-        source, roads=dataclasses.replace(source.roads, xyz=source.roads.xyz * 0.05)
-    )
-    scene = Scene(
-        bank=bank.build(
-            [one := pack(near, PackConfig())], bank.Sizes.of([one], MAX_OBJECTS)
-        ),
-        index=jnp.int32(0),
-    )
-    signs = scene.stop_signs()
-    lane = near.roads.points_of(0)[:, :2]
-    wanted = geometry.direction_at(place[0, :2] * 0.05, lane)
-    assert signs.has_lane.tolist() == [True]
-    turn = geometry.wrap_angle(float(signs.yaw[0]) - wanted)
-    assert abs(turn) < YAW
-    wanted = place[0] * 0.05 - near.origin
-    np.testing.assert_allclose(np.asarray(signs.xyz[0]), wanted, atol=POSITION)

@@ -91,7 +91,11 @@ def test_absurdly_many_lights_ask_for_no_memory() -> None:
 
 def test_the_step_is_the_median_one() -> None:
     assert parts.step_length([0.0, 0.1001, 0.2, 0.2999, 0.9]) == 0.1
+    assert parts.step_length([0.0, 0.1004, 0.2008]) == 0.1
     assert parts.step_length([3.0, 3.5]) == 0.5
+    assert parts.step_length([i / 30 for i in range(300)]) == pytest.approx(
+        1 / 30, 1e-9
+    )
     assert parts.step_length([]) == 0.1
     with pytest.raises(ScenarioError, match="the times of the steps do not rise"):
         parts.step_length([1.0, 1.0, 1.0])

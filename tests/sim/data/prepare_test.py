@@ -11,7 +11,7 @@ import time
 import orjson
 import pytest
 
-from drivetrain.sim.data import bank, prepare, store
+from drivetrain.sim.data import bank, plan, prepare, store
 from drivetrain.sim.data.pack import PackConfig
 from drivetrain.sim.data.shard import RecordError
 from tests.sim.data import files, protos
@@ -78,12 +78,6 @@ def test_a_store_holds_the_scenarios_of_its_files_in_order(paths, out):
     assert (summary.num_continued, summary.bad, summary.duplicates) == (0, [], [])
 
 
-def test_small_files_share_a_shard_and_a_large_one_has_its_own(paths, out, monkeypatch):
-    monkeypatch.setattr(prepare, "SHARD_BYTES", 2 * paths[0].stat().st_size)
-
-    assert prepare.prepare(paths, out, PackConfig()).num_shards == 3
-
-
 @pytest.mark.parametrize("num_done", range(NUM_FILES))
 def test_a_run_that_was_cut_is_continued_to_the_same_bytes(paths, out, num_done):
     undisturbed = out.with_name("undisturbed")
@@ -106,7 +100,7 @@ def test_a_cut_leaves_no_half_written_file(paths, out):
 
     names = {path.name for path in out.iterdir()}
     done = {f"shard-0000{i}{end}" for i in (0, 1) for end in (".array_record", ".json")}
-    assert names == {prepare.PLAN} | done
+    assert names == {plan.PLAN} | done
 
 
 def test_a_shard_whose_list_was_not_written_is_made_anew(paths, out):
@@ -114,6 +108,30 @@ def test_a_shard_whose_list_was_not_written_is_made_anew(paths, out):
     whole = contents(out)
     (out / "shard-00002.json").unlink()
     (out / store.MANIFEST).unlink()
+
+    assert prepare.prepare(paths, out, PackConfig()).num_continued == NUM_FILES - 1
+    assert contents(out) == whole
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"", b"{", b"[]", b'{"sha256": 3, "bad": [], "scenarios": [{"num_bytes": 1}]}'],
+)
+def test_a_shard_whose_list_is_damaged_is_made_anew(paths, out, content):
+    prepare.prepare(paths, out, PackConfig())
+    whole = contents(out)
+    (out / "shard-00000.json").write_bytes(content)
+
+    assert prepare.prepare(paths, out, PackConfig()).num_continued == NUM_FILES - 1
+    assert contents(out) == whole
+
+
+def test_a_list_that_lost_a_field_of_a_scenario_is_damaged(paths, out):
+    prepare.prepare(paths, out, PackConfig())
+    whole = contents(out)
+    listing = store.read_json(out / "shard-00003.json")
+    del listing["scenarios"][1]["encounter"]
+    store.write_json(out / "shard-00003.json", listing)
 
     assert prepare.prepare(paths, out, PackConfig()).num_continued == NUM_FILES - 1
     assert contents(out) == whole
@@ -198,44 +216,6 @@ def test_without_a_usable_record_there_is_no_store(paths, out):
     assert not out.exists()
 
 
-@pytest.mark.parametrize("other", ["fewer files", "order", "settings"])
-def test_a_folder_of_other_files_or_settings_is_left_alone(paths, out, other):
-    prepare.prepare(paths, out, PackConfig())
-    before = contents(out)
-    chosen = {"fewer files": paths[1:], "order": paths[::-1]}.get(other, paths)
-    config = PackConfig(quantize=other != "settings")
-
-    with pytest.raises(FileExistsError, match="other files or settings; name another"):
-        prepare.prepare(chosen, out, config)
-
-    assert contents(out) == before
-
-
-def test_a_file_that_grew_makes_another_store(paths, out):
-    prepare.prepare(paths, out, PackConfig())
-    paths[0].write_bytes(paths[0].read_bytes() * 2)
-
-    with pytest.raises(FileExistsError):
-        prepare.prepare(paths, out, PackConfig())
-
-
-def test_a_folder_of_something_else_is_left_alone(paths, tmp_path):
-    before = contents(tmp_path)
-
-    with pytest.raises(FileExistsError, match="name a new folder"):
-        prepare.prepare(paths, tmp_path, PackConfig())
-    with pytest.raises(FileExistsError, match="name a new folder"):
-        prepare.prepare(paths, paths[0], PackConfig())
-
-    assert contents(tmp_path) == before
-
-
-def test_an_empty_folder_is_taken(paths, out):
-    out.mkdir(parents=True)
-
-    assert prepare.prepare(paths, out, PackConfig()).num_shards == NUM_FILES
-
-
 def test_ids_that_come_twice_are_listed_and_kept(paths, out):
     paths[1].write_bytes(paths[0].read_bytes())
 
@@ -291,6 +271,7 @@ def test_a_bad_record_in_a_worker_ends_a_strict_run(paths, out):
 
 def test_generated_scenarios_are_dealt_out_to_shards(out, monkeypatch):
     monkeypatch.setattr(prepare, "SHARD_SEEDS", 3)
+    monkeypatch.setattr(prepare, "FEW_SHARDS", 1)
     calls = []
 
     prepare.prepare(

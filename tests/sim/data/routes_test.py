@@ -107,6 +107,26 @@ def test_a_path_reaches_thirty_metres_beyond_the_log() -> None:
     assert path[-1, 0] == pytest.approx(105.0, abs=1.0)
 
 
+def test_on_a_lane_of_two_points_a_path_begins_at_the_ego() -> None:
+    lanes = {1: np.array([[0.0, 0, 0], [400.0, 0, 0]])}
+    for links in (None, []):
+        ((path, on_route),) = found(scenario_of(lanes, straight(150, 195), links))
+        assert on_route
+        # 45 m as the log, and 30 m beyond.
+        np.testing.assert_allclose(path[[0, -1], 0], [150.0, 225.0], atol=ROUNDING)
+
+
+def test_beside_a_sparse_lane_a_change_begins_at_the_ego() -> None:
+    lanes = {
+        1: np.array([[0.0, 0, 0], [400.0, 0, 0]]),
+        2: np.array([[0.0, 6, 0], [400.0, 6, 0]]),  # too far to be a start itself
+    }
+    paths = found(scenario_of(lanes, straight(150.3, 195), [], [(1, 2)]))
+    for path, _ in paths:
+        assert path[0, 0] == pytest.approx(150.3, abs=ROUNDING)
+    assert {float(path[0, 1]) for path, _ in paths} == {0.0, 6.0}
+
+
 def test_points_are_half_a_metre_apart() -> None:
     for path, _ in found(scenario_of(FORK, straight(5, 75), FORK_LINKS)):
         gap = np.linalg.norm(np.diff(path, axis=0), axis=1)
@@ -210,7 +230,7 @@ def test_a_parked_ego_has_a_path_ahead() -> None:
     tracks = dataclasses.replace(scenario.tracks, xyz=xyz)
     ((path, on_route),) = found(dataclasses.replace(scenario, tracks=tracks))
     assert on_route
-    np.testing.assert_allclose(path[[0, -1], 0], [4.5, 34.5], atol=0.5)
+    np.testing.assert_allclose(path[[0, -1], 0], [5.0, 35.0], atol=5 * 0.02)
 
 
 def test_an_ego_off_the_lanes_follows_its_log() -> None:
@@ -231,7 +251,9 @@ def test_a_lane_the_other_way_is_no_start() -> None:
 def test_where_no_lane_follows_the_log_its_track_is_on_route() -> None:
     ego = np.concatenate([straight(5, 40), left_bend(40, 0, 20)[1:]])
     lanes = {1: straight(0, 40), 2: straight(40, 120)}
-    (log, log_on), (_, ahead_on) = found(scenario_of(lanes, ego, [(1, 2)]))
+    scenario = scenario_of(lanes, ego, [(1, 2)])
+    assert routes.paths_of(scenario).source == "log"
+    (log, log_on), (_, ahead_on) = found(scenario)
     assert (log_on, ahead_on) == (True, False)
     assert log[-1, 1] == pytest.approx(20 + routes.BEYOND, abs=1.0)
 

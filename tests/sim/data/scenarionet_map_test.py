@@ -104,6 +104,19 @@ def test_names_that_are_words_are_numbered_in_their_order() -> None:
         assert np.array_equal(getattr(found.lane_links, name), numbers)
 
 
+def test_lanes_inside_junctions_are_surface_streets() -> None:
+    document = pickles.document(written())
+    wanted = converted(document).roads.map_type
+    names = [name for name in document["map_features"] if name in ("11", "12")]
+    for name in names:
+        document["map_features"][name]["type"] = "LANE_SURFACE_UNSTRUCTURE"
+    found = converted(document)
+    street = wanted.copy()
+    street[:2] = MapType.LANE_SURFACE_STREET
+    assert len(names) == 2 and (wanted != street).any()
+    assert np.array_equal(found.roads.map_type, street)
+
+
 def flat_document() -> dict[str, Any]:
     """Returns a document as nuScenes has it: no heights, and rings around roads."""
     document = pickles.document(dataclasses.replace(written(), lane_links=None))

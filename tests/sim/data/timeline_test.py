@@ -71,6 +71,17 @@ def test_logged_steps_stay_as_they_are() -> None:
     assert found.current_step == 3 * source.current_step
 
 
+def test_a_light_shows_what_it_showed_at_the_logged_step_before() -> None:
+    source = dataclasses.replace(files.scenario(3), dt=0.3)
+    state, valid = source.lights.state, source.lights.valid
+    assert (state[:, 1:] != state[:, :-1]).any()
+    assert (valid[:, 1:] != valid[:, :-1]).any()
+    found = timeline.aligned(source, timeline.DEFAULT).lights
+    for between in (1, 2):
+        np.testing.assert_array_equal(found.state[:, between::3], state[:, :-1])
+        np.testing.assert_array_equal(found.valid[:, between::3], valid[:, :-1])
+
+
 def test_a_step_between_is_valid_if_both_around_it_are() -> None:
     source = dataclasses.replace(files.scenario(3), dt=0.2)
     valid = source.tracks.valid
