@@ -33,6 +33,14 @@ class Categorical(Record):
         """Returns the most likely action."""
         return jnp.argmax(self.logits).astype(jnp.int32)
 
+    def entropy(self, key: Key[Array, ""]) -> Float[Array, ""]:
+        """Returns the entropy -sum p log p [nats], exactly: the key is not used."""
+        del key
+        log_prob = jax.nn.log_softmax(self.logits)
+        # An action ruled out, of probability 0, adds nothing, nor to the gradient.
+        finite = jnp.where(log_prob > -jnp.inf, log_prob, 0.0)
+        return -jnp.sum(jnp.exp(log_prob) * finite)
+
 
 class ActionValues(Record):
     """What each of some numbered actions is worth: the greedy policy over them."""
@@ -67,11 +75,7 @@ class TanhMixture(Record):
         squashed = 2 * (action - low) / (high - low) - 1
         squashed = jnp.clip(squashed, -SQUASHED_LIMIT, SQUASHED_LIMIT)
 
-        deviation = (jnp.arctanh(squashed)[None] - self.mean) / self.scale
-        normal = -0.5 * deviation**2 - jnp.log(self.scale) - 0.5 * jnp.log(2 * jnp.pi)
-        weight = jax.nn.log_softmax(self.logits)
-        mixture = jax.nn.logsumexp(weight + normal.sum(axis=-1))
-
+        mixture = self._log_prob_before(jnp.arctanh(squashed))
         stretch = jnp.log1p(-(squashed**2)) + jnp.log((high - low) / 2)
         return mixture - stretch.sum()
 
@@ -85,6 +89,32 @@ class TanhMixture(Record):
     def mode(self) -> Float[Array, " features"]:
         """Returns the centre of the most likely component."""
         return self._squash(self.mean[jnp.argmax(self.logits)])
+
+    def entropy(self, key: Key[Array, ""]) -> Float[Array, ""]:
+        """Estimates the entropy [nats, actions in their units] from a few draws.
+
+        With u_k = m_k + s_k z_k, of one normal draw z_k a component, it is
+
+            -sum_k w_k log p(a(u_k))
+
+        whose mean is the entropy, and whose gradient has the mean of its gradient: no
+        draw among the components is in it. Unlike `log_prob` it counts actions near a
+        bound as they are.
+        """
+        low, high = jnp.array(self.bounds.low), jnp.array(self.bounds.high)
+        u = self.mean + self.scale * jax.random.normal(key, self.mean.shape)
+        density = jax.vmap(self._log_prob_before)(u)
+        # log (1 - tanh(u)^2), finite where tanh rounds to 1.
+        squeeze = 2 * (jnp.log(2.0) - u - jax.nn.softplus(-2 * u))
+        stretch = jnp.sum(squeeze + jnp.log((high - low) / 2)[None], axis=-1)
+        return jnp.sum(jax.nn.softmax(self.logits) * (stretch - density))
+
+    def _log_prob_before(self, u: Float[Array, " features"]) -> Float[Array, ""]:
+        """Returns the logarithm of the density before squashing."""
+        deviation = (u[None] - self.mean) / self.scale
+        normal = -0.5 * deviation**2 - jnp.log(self.scale) - 0.5 * jnp.log(2 * jnp.pi)
+        weight = jax.nn.log_softmax(self.logits)
+        return jax.nn.logsumexp(weight + normal.sum(axis=-1))
 
     def _squash(self, u: Float[Array, " features"]) -> Float[Array, " features"]:
         low, high = jnp.array(self.bounds.low), jnp.array(self.bounds.high)

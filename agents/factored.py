@@ -34,8 +34,9 @@ class FactoredCategorical(Record):
         """Returns the most likely action."""
         return self._joined([jnp.argmax(logits) for logits in self.logits])
 
-    def entropy(self) -> Float[Array, ""]:
-        """Returns the entropy [nat], the sum of those of the factors."""
+    def entropy(self, key: Key[Array, ""]) -> Float[Array, ""]:
+        """Returns the entropy [nats], the sum of those of the factors, exactly."""
+        del key
         log_probs = [jax.nn.log_softmax(logits) for logits in self.logits]
         return -jnp.stack([jnp.sum(jnp.exp(x) * x) for x in log_probs]).sum()
 

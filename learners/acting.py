@@ -284,7 +284,7 @@ def _memory(env: Environment, agent: Agent, num_objects: int) -> Memory:
     return jax.tree.map(of_all, memory) if is_multi_agent(env) else memory
 
 
-def _keys(env: Environment, state: State, key: PRNGKeyArray) -> PRNGKeyArray:
+def _keys(env: Environment, state: State, key: PRNGKeyArray) -> Key[Array, "*actors"]:
     return jax.random.split(key, len(state.admitted)) if is_multi_agent(env) else key
 
 

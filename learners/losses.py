@@ -1,5 +1,8 @@
 """Measures how far a policy is from what it should do."""
 
+from collections.abc import Sequence
+
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -15,6 +18,18 @@ def weighted(values: Float[Array, "*batch"], weights: Float[Array, "*batch"]) ->
         total=jnp.sum(jnp.where(weights > 0, values, 0.0) * weights),
         weight=jnp.sum(weights),
     )
+
+
+def combine(terms: Sequence[tuple[float, Mean]], axis_name: str) -> Mean:
+    """Adds means over all devices, each by its factor, as the share of this device.
+
+    Each may have weights of its own, which must not depend on what is learned.
+    """
+    total = jnp.float32(0.0)
+    for factor, mean in terms:
+        weight = jax.lax.psum(mean.weight, axis_name)
+        total += factor * mean.total / jnp.where(weight > 0, weight, 1.0)
+    return Mean(total=total, weight=jnp.float32(1 / jax.lax.axis_size(axis_name)))
 
 
 def imitation_error(

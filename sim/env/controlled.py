@@ -4,13 +4,17 @@ import dataclasses
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
+from jaxtyping import Array, Bool, Int
 
 from .. import geometry
 from ..metrics.build import EGO
 from ..scenario import ObjectType
 from ..scene import Scene
 from .base import Controls
+from .starts import StartScene
+
+LOTS = 1  # what the key of an episode is folded with to draw lots
+ROUNDING = 1e-4  # of places: sums of fractions, times some hundred objects, in float32
 
 
 def ego(scene: Scene) -> Bool[Array, " objects"]:
@@ -79,3 +83,42 @@ def moving_vehicles(config: MovingConfig = MovingConfig()) -> Controls:
         return mask & (jnp.cumsum(mask) <= config.max_objects)
 
     return controls
+
+
+def share(controls: Controls, fraction: float, first: float = 0.0) -> Controls:
+    """Builds the set of a random part of another set, drawn for each episode.
+
+    The n of the set are put in a random order, as places 0, 1/n, 2/n, ... below 1; the
+    part are those in [first, first + fraction). Parts one after another share the set
+    out, and one from 0 on is never empty unless the set is.
+
+    Args:
+        controls: the whole set.
+        fraction: how much of it.
+        first: where the part begins, such as at the end of another one.
+
+    Raises:
+        ValueError: if the part is not within 0 and 1.
+    """
+    if not (0 <= first and 0 <= fraction and first + fraction <= 1 + ROUNDING):
+        raise ValueError(
+            f"a share must lie within 0 and 1, got {fraction} from {first} on."
+        )
+
+    def part(scene: Scene) -> Bool[Array, " objects"]:
+        if not isinstance(scene, StartScene):
+            raise TypeError("shares are drawn as an episode begins, of its StartScene.")
+        mask = controls(scene)
+        lots = jax.random.uniform(jax.random.fold_in(scene.key, LOTS), mask.shape)
+        lots = jnp.where(mask, lots, jnp.inf)
+        rank = jnp.sum(lots[None] < lots[:, None], axis=1)  # among those of the set
+        count = jnp.sum(mask)
+        begun = rank >= _first_place(first, count)
+        return mask & begun & (rank < _first_place(first + fraction, count))
+
+    return part
+
+
+def _first_place(boundary: float, count: Int[Array, ""]) -> Int[Array, ""]:
+    """Returns the first of so many places that is not before a boundary."""
+    return jnp.ceil(boundary * count - ROUNDING).astype(jnp.int32)

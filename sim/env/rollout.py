@@ -46,7 +46,7 @@ def play(
     env: Environment, driver: Driver, bank: Bank, state: State, key: PRNGKeyArray
 ) -> Rollout:
     """Plays a world from the start of its episode on, as `rollout` does."""
-    scene = StartScene(bank=bank, index=state.index, start=state.step)
+    scene = StartScene(bank=bank, index=state.index, start=state.step, key=state.key)
     num_steps = scene.num_steps
 
     def step(carry, key):

@@ -52,6 +52,7 @@ class StartScene(Scene):
     """A scenario as an episode sees it, whose first step is the current one."""
 
     start: Int[Array, ""]
+    key: PRNGKeyArray  # of all that is random in the episode: fold a number of yours in
 
     @property
     def current_step(self) -> Int[Array, ""]:

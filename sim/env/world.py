@@ -41,7 +41,7 @@ def begin(
     """
     key, step_key, noise_key = jax.random.split(key, 3)
     step = starts.choose(config, Scene(bank=bank, index=index), step_key)
-    scene = StartScene(bank=bank, index=index, start=step)
+    scene = StartScene(bank=bank, index=index, start=step, key=key)
     masks, free = [], scene.object_mask
     for team in teams:
         masks.append(team.controls(scene) & free)

@@ -1,10 +1,11 @@
 """Drives objects by a policy."""
 
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from .. import motions
 from ..dynamics.base import Action, Dynamics
@@ -17,6 +18,8 @@ from .base import SimAgent
 
 # Of what there is to see, and the number of the object that acts.
 Policy = Callable[[View, Int[Array, ""]], Action]
+# The same of one who remembers: it also takes and returns what it remembers.
+Rememberer = Callable[[Any, View, Int[Array, ""]], tuple[Any, Action]]
 
 
 class Memory(Record):
@@ -25,6 +28,7 @@ class Memory(Record):
     history: Motion  # of the steps before, oldest first, with a leading axis
     goal: Goal
     controls: Float[Array, "objects features"]  # of the last actions; coasting at first
+    own: Any  # what the policy of each object remembers
 
 
 def learned(policy: Policy, dynamics: Dynamics, history: int = 0) -> SimAgent:
@@ -41,37 +45,73 @@ def learned(policy: Policy, dynamics: Dynamics, history: int = 0) -> SimAgent:
         history: how many steps before the present one a view holds.
     """
 
+    def act(own: Any, view: View, number: Int[Array, ""]) -> tuple[Any, Action]:
+        return own, policy(view, number)
+
+    return remembering(act, (), dynamics, history)
+
+
+def remembering(
+    policy: Rememberer, memory: PyTree[Array], dynamics: Dynamics, history: int = 0
+) -> SimAgent:
+    """Builds the sim agent of a policy with memory; all else is as for `learned`.
+
+    Args:
+        policy: what an object does, and what it remembers of it.
+        memory: what an object remembers before it is there.
+        dynamics: of its actions.
+        history: how many steps before the present one a view holds.
+    """
+
     def reset(scene: Scene) -> Memory:
         start = scene.current_step
         motion = scene.log_at(start)
         held = dynamics.controls(dynamics.coast(motion, scene.bank.dt))
         return Memory(
+            own=_of_all(memory, len(motion.valid)),
             history=jax.vmap(scene.log_at)(start - history + jnp.arange(history)),
             goal=logged_goal(scene, motion),
             controls=jnp.where(motion.valid[:, None], held, 0.0),
         )
 
     def step(
-        scene: Scene, memory: Memory, motion: Motion, step: Int[Array, ""]
+        scene: Scene, carry: Memory, motion: Motion, step: Int[Array, ""]
     ) -> tuple[Memory, Motion]:
-        seen = motions.append(memory.history, motion)
+        seen = motions.append(carry.history, motion)
         key = jax.random.fold_in(jax.random.key(0), scene.index)
         view = View(
             scene=scene,
             step=step,
             motion=seen,
             object_size=scene.object_size,
-            goal=memory.goal,
-            controls=memory.controls,
+            goal=carry.goal,
+            controls=carry.controls,
             key=jax.random.fold_in(key, step),
         )
         numbers = jnp.arange(len(motion.valid))
-        action = jax.vmap(policy, in_axes=(None, 0))(view, numbers)
+        own, action = jax.vmap(policy, in_axes=(0, None, 0))(carry.own, view, numbers)
         moved = dynamics.forward(motion, view.object_size, action, scene.bank.dt)
-        memory = memory.replace(
+        carry = carry.replace(
+            own=_where(motion.valid, own, _of_all(memory, len(numbers))),
             history=jax.tree.map(lambda leaf: leaf[1:], seen),
             controls=dynamics.controls(action),
         )
-        return memory, motions.where(motion.valid, moved, scene.log_at(step + 1))
+        return carry, motions.where(motion.valid, moved, scene.log_at(step + 1))
 
     return SimAgent("learned", reset, step)
+
+
+def _of_all(memory: PyTree[Array], num_objects: int) -> PyTree[Array]:
+    return jax.tree.map(
+        lambda leaf: jnp.broadcast_to(leaf[None], (num_objects, *leaf.shape)), memory
+    )
+
+
+def _where(
+    mask: Bool[Array, " objects"], a: PyTree[Array], b: PyTree[Array]
+) -> PyTree[Array]:
+    def choose(one: Array, other: Array) -> Array:
+        here = mask.reshape(-1, *[1] * (one.ndim - 1))
+        return jnp.where(here, one, other)
+
+    return jax.tree.map(choose, a, b)

@@ -100,3 +100,64 @@ def test_an_action_on_the_bound_counts_as_one_just_inside() -> None:
     inside = jnp.array([1 + 3 * SQUASHED_LIMIT, 1.25])
     on_bound = mixture().log_prob(jnp.array([4.0, 1.25]))
     assert abs(on_bound - mixture().log_prob(inside)) < 0.01  # steep there
+
+
+def numeric_entropy(distribution: TanhMixture) -> jax.Array:
+    """Integrates -p log p over the bounds, by the midpoint rule."""
+    bounds = distribution.bounds
+    sides = [
+        np.linspace(*side, 402) for side in zip(bounds.low, bounds.high, strict=True)
+    ]
+    middles = [(side[1:] + side[:-1]) / 2 for side in sides]
+    actions = np.stack(np.meshgrid(*middles), axis=-1).reshape(-1, len(sides))
+    log_prob = jax.vmap(distribution.log_prob)(jnp.array(actions, jnp.float32))
+    area = np.prod([side[1] - side[0] for side in sides])
+    return -jnp.sum(jnp.exp(log_prob) * log_prob) * area
+
+
+def test_categorical_entropy_is_that_of_its_probabilities() -> None:
+    distribution = Categorical(logits=jnp.log(jnp.array([1.0, 2.0, 5.0, 0.0])))
+    # 1/8 ln 8 + 1/4 ln 4 + 5/8 ln 8/5; what cannot happen adds nothing.
+    expected = (3 / 8 + 2 / 4) * np.log(2) + 5 / 8 * np.log(1.6)
+    key = jax.random.key(0)
+    assert abs(distribution.entropy(key) - expected) < ROUNDING
+    slope = jax.grad(lambda logits: Categorical(logits=logits).entropy(key))
+    # d H / d logit_i = -p_i (log p_i + H), and zero for what cannot happen.
+    p = np.array([1.0, 2.0, 5.0]) / 8
+    found = slope(distribution.logits)
+    np.testing.assert_allclose(found[:3], -p * (np.log(p) + expected), atol=ROUNDING)
+    assert found[3] == 0
+
+
+def test_estimates_of_a_mixtures_entropy_have_the_right_mean() -> None:
+    keys = jax.random.split(jax.random.key(0), NUM_SAMPLES)
+    estimates = jax.jit(jax.vmap(mixture().entropy))(keys)
+    error = 4 * estimates.std() / np.sqrt(NUM_SAMPLES)
+    assert error < 0.02
+    assert (
+        abs(estimates.mean() - jax.jit(numeric_entropy)(mixture())) < error + QUADRATURE
+    )
+
+
+def test_slopes_of_a_mixtures_entropy_have_the_right_mean() -> None:
+    # As the logits, the means and the scales change, so must the mean of the estimates.
+    def estimate(distribution: TanhMixture, key: jax.Array) -> jax.Array:
+        return distribution.entropy(key)
+
+    keys = jax.random.split(jax.random.key(0), NUM_SAMPLES)
+    slopes = jax.jit(jax.vmap(jax.grad(estimate), in_axes=(None, 0)))(mixture(), keys)
+    expected = jax.jit(jax.grad(numeric_entropy))(mixture())
+    for name in ("logits", "mean", "scale"):
+        own, right = getattr(slopes, name), getattr(expected, name)
+        error = 4 * own.std(axis=0) / np.sqrt(NUM_SAMPLES)
+        assert (jnp.abs(own.mean(axis=0) - right) < error + QUADRATURE).all()
+
+
+def test_the_entropy_of_actions_at_the_bounds_is_finite() -> None:
+    def estimate(distribution: TanhMixture) -> jax.Array:
+        return distribution.entropy(jax.random.key(0))
+
+    far = mixture().replace(mean=jnp.full((2, 2), 40.0))
+    value, slopes = jax.value_and_grad(estimate)(far)
+    leaves = [value, *jax.tree.leaves(slopes)]
+    assert all(jnp.isfinite(leaf).all() for leaf in leaves)
