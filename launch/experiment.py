@@ -8,10 +8,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Key
 
 from ..agents import build as agents
-from ..agents.base import Agent
-from ..learners import acting, build as learners
+from ..agents.base import Agent, Params
+from ..learners import acting, build as learners, opponents
 from ..learners.base import Learner
 from ..learners.bc import CloningConfig
+from ..learners.opponents import OpponentsConfig
+from ..learners.ppo import EnvironmentOf
 from ..learners.seeds import side_by_side
 from ..sim.data import loader
 from ..sim.data.bank import Bank
@@ -21,6 +23,7 @@ from ..sim.data.stream import StreamConfig
 from ..sim.dynamics import build as dynamics
 from ..sim.env import build as tasks
 from ..sim.env.base import Environment
+from ..sim.env.controlled import moving_vehicles
 from ..sim.env.demonstrations import demonstrations
 from ..sim.observations import build as observations
 from ..sim.observations.vector import VectorConfig
@@ -48,6 +51,7 @@ class Experiment:
     updates_per_call: int = 50  # of the compiled program
     updates_per_checkpoint: int = 1000
     seed: int = 0
+    opponents: OpponentsConfig = field(default_factory=OpponentsConfig)  # in self-play
     seeds: int = 1  # trained side by side: seed, seed + 1, …
     monitor: MonitorConfig | None = None  # evaluates now and then
     pretrained: str | None = None  # the folder of a run whose parameters to begin with
@@ -142,14 +146,39 @@ def agent(experiment: Experiment, env: Environment, bank: Bank) -> Agent:
 def learner(experiment: Experiment, env: Environment, agent: Agent) -> Learner:
     """Builds the learner of an experiment.
 
+    Args:
+        experiment: what to build.
+        env: where nobody is met but sim agents that do not learn.
+        agent: who learns.
+
     Raises:
         ValueError: if its parts do not fit together.
     """
     sample = demonstrations(
         dynamics.build(experiment.dynamics), observations.build(experiment.observation)
     )
-    of_one = learners.build(experiment.learner, agent, env, sample)
+    env_of = _environment_of(experiment, env, agent)
+    of_one = learners.build(experiment.learner, agent, env_of, sample)
     return of_one if experiment.seeds == 1 else side_by_side(of_one)
+
+
+def _environment_of(
+    experiment: Experiment, env: Environment, agent: Agent
+) -> EnvironmentOf:
+    """Returns the task given the parameters of a past self."""
+    task, mix = experiment.task, experiment.opponents
+    if not isinstance(task, tasks.SelfPlayConfig) or mix == OpponentsConfig():
+        return lambda past: env
+    moves = dynamics.build(experiment.dynamics)
+    observer = observations.build(experiment.observation)
+    controls = moving_vehicles(task.controlled)
+
+    def env_of(past: Params) -> Environment:
+        past_self = opponents.self_of(agent, past, moves, observer)
+        others = opponents.others(controls, mix, past_self)
+        return tasks.build(task, moves, observer, others, opponents.team(controls, mix))
+
+    return env_of
 
 
 def keys(experiment: Experiment) -> Key[Array, "*seeds"]:

@@ -48,12 +48,14 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
     _check_folder(folder, experiment)
     files.require_writable(folder)
     mesh = meshes.data_mesh()
+    checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
     feed = feeds.open_feed(
         experiment.source,
         experiment.stream,
         experiment.max_objects,
         mesh,
         experiment.seed,
+        checkpoints.metadata(),
     )
     _say(feed.describe())
     env = environment(experiment)
@@ -64,7 +66,6 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
     watch = _watch(experiment, driver, mesh)
     files.write_whole(folder / CONFIG, config.to_yaml(experiment))
 
-    checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
     if checkpoints.steps():
         restored = checkpoints.restore(state)
         _check_same(restored.metadata, feed.identity, folder)
@@ -111,7 +112,9 @@ def _run(run: Run, state: TrainState, log: logbook.Logbook) -> TrainState:
             if monitor is not None and done % monitor.every == 0:
                 scalars |= run.watch(state)
             log.write(done, scalars)
-            line.update(done, f"loss {scalars['loss']:.3f}")
+            line.update(
+                done, f"loss {scalars['loss']:.3f}" if "loss" in scalars else ""
+            )
             if done == total or done % experiment.updates_per_checkpoint == 0:
                 kept = {**feed.identity, "feed": feed.state()}
                 run.checkpoints.save_async(done, state, kept)

@@ -116,6 +116,20 @@ class Checkpoints:
         for unfinished in self._directory.glob("*.orbax-checkpoint-tmp*"):
             shutil.rmtree(unfinished)
 
+    def metadata(self) -> dict[str, Any] | None:
+        """Returns what the newest step says of itself, before its hash is checked.
+
+        None if there is no step, or it says nothing that can be read.
+        """
+        self.wait()
+        for step in self.steps()[-1:]:
+            try:
+                saved: Any = orbax.metadata(str(self._directory / str(step)))
+                return json.loads(saved.custom_metadata["metadata"])
+            except Exception:  # whatever a reader meets in damaged bytes
+                return None
+        return None
+
     def restore(self, like: Tree) -> Restored:
         """Restores the newest step that is what was saved; warns of each that is not.
 

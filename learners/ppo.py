@@ -69,6 +69,11 @@ class PPOConfig(optim.OptimizerConfig, AppraisalConfig, RehearsalConfig):
                     f"{name} must be at least {least}, got {getattr(self, name)}."
                 )
 
+    @property
+    def num_steps(self) -> int:
+        """How many steps of worlds an update plays."""
+        return self.num_worlds * self.steps_per_update
+
 
 class Kept(Record):
     """What is remembered between updates, besides parameters."""
@@ -138,9 +143,7 @@ def ppo(
                 pasts=pasts.begin(params, config.num_pasts) if config.num_pasts else (),
                 gradient_steps=jnp.zeros((), jnp.int32),
             ),
-            worlds=stages.begin(
-                cast, params, bank, share, world_key, per_stratum, axis_name
-            ),
+            worlds=stages.begin(cast, params, bank, share, world_key, per_stratum),
         )
 
     def act(

@@ -47,12 +47,9 @@ def begin(
     share: Share,
     key: Key[Array, ""],
     per_stratum: int,
-    axis_name: str,
 ) -> Stage:
     """Returns worlds at the start of episodes, so many a stratum."""
     world = acting.start(cast.env, cast.agent, bank, share, key, per_stratum)
-    # The same everywhere until somebody acts.
-    world = world.replace(memory=strata.own(world.memory, axis_name))
 
     def first_step() -> Step:
         _, steps = _drive(cast, params, bank, share, key, world, 1)

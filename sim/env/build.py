@@ -13,7 +13,7 @@ from ..observations.base import Observer
 from ..rewards import Reward
 from ..sim_agents import build as sim_agents
 from ..sim_agents.base import SimAgent
-from .base import Environment, Team
+from .base import Controls, Environment, Team
 from .controlled import MovingConfig, moving_vehicles
 from .multi_agent import MultiAgentConfig, multi_agent
 from .planning import planning
@@ -74,6 +74,7 @@ def build(
     dynamics: Dynamics,
     observer: Observer,
     sim_agent: SimAgent | None = None,
+    controls: Controls | None = None,
 ) -> Environment:
     """Builds the environment of a config.
 
@@ -82,13 +83,14 @@ def build(
         dynamics: of whoever is controlled.
         observer: what they see.
         sim_agent: drives all others, instead of the one that the config names.
+        controls: in self-play, who is controlled, instead of all that the config says.
     """
     others = sim_agent or sim_agents.build(config.sim_agent)
     reward, metrics = reward_of(config.reward)
     if isinstance(config, PlanningConfig):
         return planning(dynamics, others, observer, reward, metrics, config.starts)
     return multi_agent(
-        (Team(dynamics, moving_vehicles(config.controlled)),),
+        (Team(dynamics, controls or moving_vehicles(config.controlled)),),
         others,
         observer,
         reward,

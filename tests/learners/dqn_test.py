@@ -1,6 +1,7 @@
 """Tests that double Q-learning solves what it should, by the numbers it should."""
 
 import dataclasses
+import functools
 import pathlib
 
 import jax
@@ -8,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from drivetrain.agents import build as agents
 from drivetrain.agents.base import Agent, Output
 from drivetrain.agents.distributions import ActionValues
 from drivetrain.learners import dqn, mesh as meshes, optim, program, q_learning
@@ -20,9 +22,11 @@ from drivetrain.sim.data.bank import Bank
 from drivetrain.sim.data.stratum import Stratum
 from drivetrain.sim.dynamics.base import Continuous, Discrete
 from drivetrain.sim.env.demonstrations import Demonstration, Sample
-from tests.learners import probes
+from tests.learners import probes, toy
 from tests.learners.checkpoint_test import assert_same
+from tests.learners.evaluator_test import sharded
 from tests.learners.probes import Probe
+from tests.sim.env.planning_test import env_of
 
 GAMMA = 0.5  # of the probes: its powers differ a lot, and errors die out fast
 # Of the values of a tabular agent after the updates of `train`: the target still
@@ -274,3 +278,19 @@ def test_other_agents_and_tasks_are_refused() -> None:
 def test_values_out_of_range_are_refused(fields: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         config(**fields)
+
+
+def test_it_fits_the_simulator() -> None:
+    env, mesh, bank = env_of("bicycle_discrete"), meshes.data_mesh(), sharded()
+    local = jax.tree.map(lambda leaf: leaf[0], bank)
+    state = jax.eval_shape(env.reset, local, jnp.int32(0), jax.random.key(0))
+    seen = jax.eval_shape(env.observe, local, state)
+    driver = agents.build(toy.SMALL, seen, env.action_spec, "action_values")
+    made = dqn.double_dqn(driver, env, never, optim.adam(config()), config())
+
+    begin = functools.partial(program.initial_state, made, mesh)
+    before = jax.eval_shape(begin, jax.random.key(0), bank)
+    run = program.compile_program(made, mesh, 2)
+    after, metrics = jax.eval_shape(run, before, bank)
+    assert jax.tree.structure(after) == jax.tree.structure(before)
+    assert {"episode/collision", "episode/offroad", "loss"} <= metrics.keys()
