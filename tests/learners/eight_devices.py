@@ -38,7 +38,7 @@ def cloning(mesh: Mesh) -> tuple[Learner, Bank]:
     )
     agent = agents.build(network, seen, env.action_spec)
     sample = demonstrations(dynamics.build("bicycle_discrete"), vector(SMALL))
-    config = CloningConfig(batch_size=16, strata=2, learning_rate=1e-2)
+    config = CloningConfig(batch_size=16, strata=2, learning_rate=1e-3)
     return behavior_cloning(agent, sample, optim.adam(config), config), bank
 
 
@@ -80,7 +80,7 @@ def after(build: Callable[[Mesh], tuple[Learner, Bank]], num_devices: int) -> di
     return {
         "params": np.concatenate(leaves).tolist(),
         "metrics": {
-            name: (mean.total.tolist(), mean.weight.tolist())
+            name: (mean.total / np.maximum(mean.weight, 1.0)).tolist()
             for name, mean in metrics.items()
         },
     }
