@@ -1,0 +1,69 @@
+"""Tests that configs become tasks, and that wrong ones are named."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from drivetrain.sim.dynamics import build as dynamics
+from drivetrain.sim.env import build
+from drivetrain.sim.env.build import PlanningConfig, SelfPlayConfig
+from drivetrain.sim.observations.vector import vector
+from drivetrain.sim.rewards import SPARSE
+from tests import worlds
+from tests.sim.env.planning_test import SMALL
+
+ROUNDING = 1e-6  # float32 sums of two numbers
+
+
+def stepped(config: build.TaskConfig, jump: float):
+    """Returns a step of a task in which the actors go so far aside."""
+    env = build.build(config, dynamics.build("delta"), vector(SMALL))
+    bank = worlds.bank("generated")
+    state = env.reset(bank, jnp.int32(0), jax.random.key(0))
+    action = jnp.array([0.0, jump, 0.0])
+    if isinstance(env.action_spec, tuple):
+        action = (jnp.broadcast_to(action, (len(state.admitted), 3)),)
+    return jax.jit(env.step)(bank, state, action)
+
+
+@pytest.mark.parametrize("reward", ["sparse", dict(SPARSE)])
+def test_a_preset_and_its_weights_are_the_same_reward(reward) -> None:
+    _, timestep = stepped(PlanningConfig(reward=reward), 900.0)
+    assert timestep.measures["offroad"].value == 1
+    assert timestep.reward == -1 - timestep.measures["collision"].value
+
+
+def test_smooth_costs_are_measured_where_a_reward_asks_for_them() -> None:
+    weights = {"smooth_offroad": -0.5, "log_displacement": -1.0}
+    _, timestep = stepped(PlanningConfig(reward=weights), 20.0)
+    expected = sum(w * timestep.measures[name].value for name, w in weights.items())
+    np.testing.assert_allclose(timestep.reward, expected, rtol=ROUNDING)
+    assert timestep.measures["smooth_offroad"].value > 0
+    _, plain = stepped(PlanningConfig(), 20.0)
+    assert "smooth_offroad" not in plain.measures
+
+
+def test_in_self_play_those_who_move_act_and_leave_when_they_are_hit() -> None:
+    config = SelfPlayConfig(remove_at=("offroad",))
+    state, timestep = stepped(config, 900.0)
+    assert timestep.acted.any() and not timestep.acted.all()
+    np.testing.assert_array_equal(
+        timestep.terminated[timestep.acted], timestep.discount[timestep.acted] == 0
+    )
+    assert timestep.terminated[timestep.acted].all()
+    assert not state.motion.valid[timestep.acted].any()
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "message"),
+    [
+        (PlanningConfig, {"sim_agent": "idmm"}, "did you mean 'idm'"),
+        (PlanningConfig, {"reward": "sparce"}, "did you mean 'sparse'"),
+        (PlanningConfig, {"reward": {"offrod": 1.0}}, "did you mean 'offroad'"),
+        (SelfPlayConfig, {"remove_at": ("goals",)}, "did you mean 'goal'"),
+    ],
+)
+def test_unknown_names_are_refused(kind: type, fields: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        kind(**fields)
