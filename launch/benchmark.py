@@ -1,6 +1,8 @@
 """Runs a benchmark: measures its cells, shows the table and writes it down."""
 
 import dataclasses
+import functools
+import importlib.resources
 import io
 import os
 import pathlib
@@ -14,22 +16,45 @@ from ..sim.observations.compact import CompactConfig, compact
 from ..sim.observations.nocturne import NocturneConfig, nocturne
 from ..sim.observations.vector import VectorConfig
 from ..sim.sim_agents import build as sim_agents
-from . import report, tables
+from . import config, report, tables
 from .benchmarks import page, scenes, table
 from .benchmarks.base import Benchmark, Settings
 from .benchmarks.nocturne_speed import nocturne_speed
 from .benchmarks.runtime import runtime
 from .benchmarks.throughput import throughput
+from .benchmarks.training import training
+from .experiment import Experiment
 from .progress import progress
 
 # The road as published simulators show it, and little else.
 ROAD = VectorConfig(
     history=0, num_objects=1, road="points", num_road=1000, num_lights=0, num_route=0
 )
+# What a learner is timed on, and the field that says how many worlds it plays at once.
+LEARNERS = {
+    "bc": ("small_bc", "learner.batch_size"),
+    "dqn": ("small_dqn", "learner.num_worlds"),
+    "ppo": ("small_ppo", "learner.num_worlds"),
+    "self_play": ("small_self_play", "learner.num_worlds"),
+    "apg": ("small_apg", "learner.num_worlds"),
+}
+
+
+def _experiment_of(name: str, num_worlds: int) -> Experiment:
+    file, field = LEARNERS[name]
+    words = [f"{field}={num_worlds}", "seeds=1", "monitor=null"]
+    packaged = importlib.resources.files("drivetrain.configs") / f"{file}.yaml"
+    with importlib.resources.as_file(packaged) as path:
+        return config.load(path, Experiment, words)
+
+
 BENCHMARKS = {
     "runtime": runtime(METRICS, ROAD),
     "nocturne": nocturne_speed(nocturne(NocturneConfig())),
     "throughput": throughput(compact(CompactConfig())),
+    "training": training(
+        {name: functools.partial(_experiment_of, name) for name in LEARNERS}, 64
+    ),
 }
 REPORT_COLUMNS = 120  # characters of a line of the report
 

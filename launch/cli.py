@@ -173,7 +173,7 @@ def evaluate(
 
 def benchmark(
     name: Annotated[
-        Literal["runtime", "nocturne", "throughput"],
+        Literal["runtime", "nocturne", "throughput", "training"],
         tyro.conf.Positional,
         tyro.conf.arg(metavar="NAME"),
     ] = "runtime",
@@ -194,16 +194,18 @@ def benchmark(
 
     runtime: what Waymax times in its tables 2 and 6. nocturne: Nocturne's observation
     and step, by both procedures of its appendix F. throughput: how many agents act in a
-    second, over numbers of worlds and agents.
+    second, over numbers of worlds and agents. training: an iteration of each learner,
+    and what acting and learning cost apart.
 
     Args:
-        name: what to measure: runtime, nocturne or throughput.
+        name: what to measure: runtime, nocturne, throughput or training.
         data: a store, a file, a quoted pattern of files, or synthetic:FIRST:COUNT for
             generated scenarios.
         scenarios: how many of the data to use, those with the most objects.
         objects: object slots of a scenario, with commas between several numbers, such
             as 8,16; by default those of the papers, up to 128.
-        batches: worlds at once, likewise, up to 1,024 for throughput.
+        batches: worlds at once, likewise, up to 1,024 for throughput; of bc
+            demonstrations.
         sim_agent: who drives what is not controlled.
         seconds: how long to repeat each call.
         max_memory_gb: throughput leaves out programs that need more.
