@@ -1,6 +1,7 @@
 """Learns by behavior cloning: makes the expert's actions likely."""
 
 import dataclasses
+import math
 from typing import Literal
 
 import jax
@@ -8,8 +9,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Key
 
 from ..agents.base import Agent, Params
+from ..agents.distributions import Categorical
+from ..agents.factored import FactoredCategorical
+from ..sim.data.stratum import whole
 from ..sim.env.demonstrations import Demonstration, Sample
-from . import losses, optim, strata
+from . import balance, losses, optim, strata
 from .base import Bank, Learner, Metrics, TrainState
 
 
@@ -20,6 +24,8 @@ class CloningConfig(optim.OptimizerConfig):
     name: Literal["bc"] = "bc"
     batch_size: int = 256  # demonstrations an update, over all devices
     strata: int = 8  # equal parts of a batch; the number of devices must divide it
+    label_smoothing: float = 0.0  # share of the probability that all actions have
+    class_balance: float = 0.0  # 1: each action weighs the same in all, 0: as shown
 
     def __post_init__(self) -> None:
         """Checks the batch, and the fields of the optimizer.
@@ -29,6 +35,11 @@ class CloningConfig(optim.OptimizerConfig):
         """
         super().__post_init__()
         strata.check(self.strata, batch_size=self.batch_size)
+        for name in ("label_smoothing", "class_balance"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(
+                    f"{name} must be from 0 to 1, got {getattr(self, name)}."
+                )
 
     @property
     def num_steps(self) -> int:
@@ -45,22 +56,28 @@ def behavior_cloning(
 
         loss = -sum_i w_i log p(a_i | o_i) / sum_i w_i
 
-    over the batches of all devices together. Its metrics are the loss, `accuracy` or
+    over the batches of all devices together. With `class_balance`, w is also that of
+    `balance.weights`; with `label_smoothing`, the likelihood that of `losses.surprise`.
+    Its metrics are the loss, `accuracy` or
     `absolute_error` (`losses.imitation_error`), and the optimizer's.
     """
 
     def loss(params: Params, batch: Demonstration) -> tuple[Metrics, None]:
-        return imitation(agent, params, batch), None
+        return imitation(agent, params, batch, config.label_smoothing), None
 
     def init(key: Key[Array, ""], bank: Bank, axis_name: str) -> TrainState:
-        del bank, axis_name
+        del axis_name
         key, params_key = jax.random.split(key)
         params = agent.init(params_key)
+        kept = ()
+        if config.class_balance:
+            kept = balance.begin(_num_actions(agent, sample, bank))
         return TrainState(
             params=params,
             opt_state=optimizer.transformation.init(params),
             step=jnp.zeros((), jnp.int32),
             key=key,
+            kept=kept,
         )
 
     def act(
@@ -76,6 +93,11 @@ def behavior_cloning(
         train_state: TrainState, batch: Demonstration, bank: Bank, axis_name: str
     ) -> tuple[TrainState, Metrics]:
         del bank
+        if config.class_balance:
+            seen = balance.see(train_state.kept, batch.action, batch.weight, axis_name)
+            rare = balance.weights(seen, batch.action, config.class_balance)
+            batch = batch.replace(weight=batch.weight * rare)
+            train_state = train_state.replace(kept=seen)
         train_state, metrics, _ = optim.descend(
             optimizer, train_state, axis_name, loss, batch
         )
@@ -100,7 +122,29 @@ def draw(
     return strata.merge(jax.vmap(of_stratum)(share.stratum, share.keys(key)))
 
 
-def imitation(agent: Agent, params: Params, batch: Demonstration) -> Metrics:
+def _num_actions(agent: Agent, sample: Sample, bank: Bank) -> int:
+    """Returns how many numbered actions there are to choose among."""
+
+    def policy(key: Key[Array, ""]):
+        shown = sample(bank, whole(), key)
+        return agent.step(agent.init(key), agent.memory(), shown.observation)[1].policy
+
+    found = jax.eval_shape(policy, jax.random.key(0))
+    match found:
+        case Categorical(logits=logits):
+            return len(logits)
+        case FactoredCategorical(logits=factors):
+            return math.prod(len(logits) for logits in factors)
+        case _:
+            raise ValueError(
+                "class_balance needs numbered actions, such as those of "
+                "dynamics=bicycle_discrete"
+            )
+
+
+def imitation(
+    agent: Agent, params: Params, batch: Demonstration, smoothing: float = 0.0
+) -> Metrics:
     """Returns how unlikely the expert's actions are, `loss`, and how far off.
 
     Each demonstration is met without memory of another.
@@ -109,7 +153,10 @@ def imitation(agent: Agent, params: Params, batch: Demonstration) -> Metrics:
     def imitate(demonstration: Demonstration) -> dict[str, Array]:
         _, output = agent.step(params, agent.memory(), demonstration.observation)
         error = losses.imitation_error(output.policy, demonstration.action)
-        return {"loss": losses.surprise(output.policy, demonstration.action), **error}
+        return {
+            "loss": losses.surprise(output.policy, demonstration.action, smoothing),
+            **error,
+        }
 
     terms = jax.vmap(imitate)(batch)
     return {name: losses.weighted(term, batch.weight) for name, term in terms.items()}

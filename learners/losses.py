@@ -51,11 +51,38 @@ def imitation_error(
             return {"absolute_error": jnp.mean(jnp.abs(mode - action) / span)}
 
 
-def surprise(policy: Distribution | ActionValues, action: Action) -> Float[Array, ""]:
-    """Returns how unlikely an action is, -log p(a) [nats].
+def surprise(
+    policy: Distribution | ActionValues, action: Action, smoothing: float = 0.0
+) -> Float[Array, ""]:
+    """Returns how unlikely an action is [nats].
 
+        -(1 - e) log p(a) - e / N sum_b log p(b)
+
+    with label smoothing e (Szegedy et al. 2016, section 7) over N numbered actions.
     Values of actions are no distribution; theirs counts as softmax over them.
+
+    Args:
+        policy: which should have taken the action.
+        action: what the expert did.
+        smoothing: e, from 0 to 1.
+
+    Raises:
+        ValueError: while it is traced, if continuous actions are to be smoothed.
     """
     if isinstance(policy, ActionValues):
-        return -Categorical(logits=policy.values).log_prob(action)
-    return -policy.log_prob(action)
+        policy = Categorical(logits=policy.values)
+    likely = policy.log_prob(action)
+    if not smoothing:
+        return -likely
+    match policy:
+        case Categorical(logits=logits):
+            mean = jax.nn.log_softmax(logits).mean()
+        case FactoredCategorical(logits=factors):
+            means = [jax.nn.log_softmax(logits).mean() for logits in factors]
+            mean = jnp.sum(jnp.stack(means))
+        case TanhMixture():
+            raise ValueError(
+                "label_smoothing needs numbered actions, such as those of "
+                "dynamics=bicycle_discrete"
+            )
+    return -(1 - smoothing) * likely - smoothing * mean

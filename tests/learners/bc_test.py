@@ -3,9 +3,10 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from drivetrain.agents.base import Agent
-from drivetrain.learners import bc, mesh as meshes, optim, program
+from drivetrain.learners import balance, bc, mesh as meshes, optim, program
 from drivetrain.learners.base import Learner
 from drivetrain.sim.data.stratum import Stratum
 from drivetrain.sim.dynamics.base import Continuous
@@ -92,3 +93,41 @@ def test_each_update_draws_anew() -> None:
     state, first = run(state, bank)
     _, second = run(state, bank)
     assert first["loss"].weight[0] != second["loss"].weight[0]
+
+
+def test_balanced_actions_weigh_the_same_however_rare() -> None:
+    shown = jnp.array([0] * 6 + [1] * 2)
+    seen = balance.Frequencies(weight=jnp.array([60.0, 20.0]))
+    weights = balance.weights(seen, shown, 1.0)
+    assert weights[:6].sum() == weights[6:].sum()
+    np.testing.assert_array_equal(balance.weights(seen, shown, 0.0), np.ones(8))
+
+
+def test_balance_counts_what_was_shown_in_all_updates() -> None:
+    config = bc.CloningConfig(batch_size=64, class_balance=1.0)
+    sample = toy.sampler(lambda values: jnp.int32(1))
+    learner = bc.behavior_cloning(
+        toy.linear_agent(), sample, optim.adam(config), config
+    )
+    mesh = meshes.data_mesh()
+    bank = meshes.shard(mesh, toy.bank(mesh.size))
+    state = program.initial_state(learner, mesh, jax.random.key(0), bank)
+    state, _ = program.compile_program(learner, mesh, 3)(state, bank)
+    np.testing.assert_array_equal(state.kept.weight, [1, 1 + 3 * 64])
+
+
+def test_continuous_actions_are_not_balanced() -> None:
+    config = bc.CloningConfig(class_balance=0.5)
+    bounds = Continuous(low=(-6.0,), high=(6.0,))
+    sample = toy.sampler(lambda values: values[0, -1, :1])
+    learner = bc.behavior_cloning(toy.agent(bounds), sample, optim.adam(config), config)
+    mesh = meshes.data_mesh()
+    bank = meshes.shard(mesh, toy.bank(mesh.size))
+    with pytest.raises(ValueError, match="class_balance needs numbered actions"):
+        program.initial_state(learner, mesh, jax.random.key(0), bank)
+
+
+@pytest.mark.parametrize("name", ["label_smoothing", "class_balance"])
+def test_shares_out_of_range_are_refused(name: str) -> None:
+    with pytest.raises(ValueError, match=f"{name} must be from 0 to 1, got 1.5"):
+        bc.CloningConfig(**{name: 1.5})

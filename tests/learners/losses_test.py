@@ -2,8 +2,10 @@
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
-from drivetrain.agents.distributions import Categorical, TanhMixture
+from drivetrain.agents.distributions import ActionValues, Categorical, TanhMixture
+from drivetrain.agents.factored import FactoredCategorical
 from drivetrain.learners import losses
 from drivetrain.sim.dynamics.base import Continuous
 
@@ -32,3 +34,22 @@ def test_the_error_of_continuous_actions_is_a_fraction_of_the_range() -> None:
     # The mode is the middle (0, 0.5): off by 3 of 12 and by 0.25 of 1.
     error = losses.imitation_error(distribution, jnp.array([3.0, 0.25]))
     np.testing.assert_allclose(error["absolute_error"], 0.25, atol=ROUNDING)
+
+
+@pytest.mark.parametrize("kind", ["categorical", "factored", "values"])
+def test_label_smoothing_mixes_the_action_with_all(kind: str) -> None:
+    rng = np.random.default_rng(0)
+    factors = [rng.normal(size=count) for count in (2, 3)]
+    joint = (factors[0][:, None] + factors[1][None]).ravel()
+    logits = jnp.asarray(joint, jnp.float32)
+    policy = {
+        "categorical": Categorical(logits=logits),
+        "factored": FactoredCategorical(
+            logits=tuple(jnp.asarray(f, jnp.float32) for f in factors)
+        ),
+        "values": ActionValues(values=logits),
+    }[kind]
+    log_prob = joint - np.log(np.exp(joint).sum())
+    target = np.full(6, 0.1 / 6) + 0.9 * np.eye(6)[4]
+    found = losses.surprise(policy, jnp.int32(4), 0.1)
+    np.testing.assert_allclose(found, -(target * log_prob).sum(), rtol=ROUNDING)
