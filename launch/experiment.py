@@ -11,7 +11,8 @@ from ..agents import build as agents
 from ..agents.base import Agent
 from ..learners import acting, build as learners
 from ..learners.base import Learner
-from ..learners.bc import CloningConfig
+from ..learners.bc import CloningConfig, Draw
+from ..learners.forecasting import ForecastConfig
 from ..learners.seeds import side_by_side
 from ..sim.data import loader
 from ..sim.data.bank import Bank
@@ -22,6 +23,7 @@ from ..sim.dynamics import build as dynamics
 from ..sim.env import build as tasks
 from ..sim.env.base import Environment
 from ..sim.env.demonstrations import demonstrations
+from ..sim.env.futures import futures
 from ..sim.observations import build as observations
 from ..sim.observations.vector import VectorConfig
 from ..sim.sim_agents import build as sim_agents
@@ -127,7 +129,7 @@ def agent(experiment: Experiment, env: Environment, bank: Bank) -> Agent:
         bank: of one device; only its shapes are read.
 
     Raises:
-        ValueError: if the sizes of the network are out of range.
+        ValueError: if network, learner and task do not fit together.
     """
 
     def first_observation(bank: Bank):
@@ -135,7 +137,8 @@ def agent(experiment: Experiment, env: Environment, bank: Bank) -> Agent:
         return acting.first_actor(env, env.observe(bank, state))
 
     observation = jax.eval_shape(first_observation, bank)
-    return agents.build(experiment.agent, observation, acting.action_spec(env))
+    kind = learners.kind_of(experiment.learner)
+    return agents.build(experiment.agent, observation, acting.action_spec(env), kind)
 
 
 def learner(experiment: Experiment, env: Environment, agent: Agent) -> Learner:
@@ -144,11 +147,17 @@ def learner(experiment: Experiment, env: Environment, agent: Agent) -> Learner:
     Raises:
         ValueError: if its parts do not fit together.
     """
-    sample = demonstrations(
-        dynamics.build(experiment.dynamics), observations.build(experiment.observation)
-    )
-    of_one = learners.build(experiment.learner, agent, env, sample)
+    of_one = learners.build(experiment.learner, agent, env, _sample(experiment))
     return of_one if experiment.seeds == 1 else side_by_side(of_one)
+
+
+def _sample(experiment: Experiment) -> Draw:
+    """Returns what draws examples for learners from logs."""
+    moves = dynamics.build(experiment.dynamics)
+    observer = observations.build(experiment.observation)
+    if isinstance(experiment.learner, ForecastConfig):
+        return futures(moves, observer, experiment.agent.trajectory.num_steps)
+    return demonstrations(moves, observer)
 
 
 def keys(experiment: Experiment) -> Key[Array, "*seeds"]:

@@ -1,16 +1,20 @@
 """Learns by behavior cloning: makes the expert's actions likely."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Literal
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Key
+from jaxtyping import Array, Key, PRNGKeyArray, PyTree
 
 from ..agents.base import Agent, Params
+from ..sim.data.stratum import Stratum
 from ..sim.env.demonstrations import Demonstration, Sample
 from . import losses, optim, strata
-from .base import Bank, Learner, Metrics, TrainState
+from .base import Bank, Experience, Learner, Metrics, TrainState
+
+Draw = Callable[[Bank, Stratum, PRNGKeyArray], PyTree]  # of one example of any kind
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -47,6 +51,29 @@ def behavior_cloning(
     def loss(params: Params, batch: Demonstration) -> tuple[Metrics, None]:
         return imitation(agent, params, batch), None
 
+    per_stratum = config.batch_size // config.strata
+    return from_logs(agent, sample, optimizer, config.strata, per_stratum, loss)
+
+
+def from_logs(
+    agent: Agent,
+    sample: Draw,
+    optimizer: optim.Optimizer,
+    num_strata: int,
+    per_stratum: int,
+    loss: optim.Loss,
+) -> Learner:
+    """Makes a learner from logs alone: it draws a batch where others act.
+
+    Args:
+        agent: what is trained.
+        sample: draws one example from the bank.
+        optimizer: takes the steps.
+        num_strata: over all devices.
+        per_stratum: how many examples of each are in a batch.
+        loss: of the parameters and a batch.
+    """
+
     def init(key: Key[Array, ""], bank: Bank, axis_name: str) -> TrainState:
         del bank, axis_name
         key, params_key = jax.random.split(key)
@@ -60,15 +87,14 @@ def behavior_cloning(
 
     def act(
         train_state: TrainState, bank: Bank, axis_name: str
-    ) -> tuple[TrainState, Demonstration]:
+    ) -> tuple[TrainState, Experience]:
         key, batch_key = jax.random.split(train_state.key)
-        share = strata.share(config.strata, axis_name)
-        per_stratum = config.batch_size // config.strata
+        share = strata.share(num_strata, axis_name)
         batch = draw(sample, bank, share, batch_key, per_stratum)
         return train_state.replace(key=key), batch
 
     def learn(
-        train_state: TrainState, batch: Demonstration, bank: Bank, axis_name: str
+        train_state: TrainState, batch: Experience, bank: Bank, axis_name: str
     ) -> tuple[TrainState, Metrics]:
         del bank
         train_state, metrics, _ = optim.descend(
@@ -80,15 +106,15 @@ def behavior_cloning(
 
 
 def draw(
-    sample: Sample,
+    sample: Draw,
     bank: Bank,
     share: strata.Share,
     key: Key[Array, ""],
     per_stratum: int,
-) -> Demonstration:
-    """Draws demonstrations, as many of each stratum, with a leading axis of all."""
+) -> PyTree:
+    """Draws examples, as many of each stratum, with a leading axis of all."""
 
-    def of_stratum(stratum, key: Key[Array, ""]) -> Demonstration:
+    def of_stratum(stratum: Stratum, key: Key[Array, ""]) -> PyTree:
         keys = jax.random.split(key, per_stratum)
         return jax.vmap(sample, in_axes=(None, None, 0))(bank, stratum, keys)
 
