@@ -88,6 +88,7 @@ def terms(
         `loss` [nats]; `min_ade` and `ade` [m], mean distances to the nearest of all
         trajectories and to the most likely; `accuracy`, whether those are the same.
     """
+    poses = jnp.where(mask[:, None], poses, 0.0)  # else NaN there spoils the gradient
     distance = forecast.distance(poses, mask)
     nearest, likeliest = jnp.argmin(distance), jnp.argmax(forecast.logits)
     step_log_prob = forecast.step_log_prob(poses)[nearest]
