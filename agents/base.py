@@ -8,6 +8,7 @@ from jaxtyping import Array, Float, Key, PyTree
 from ..sim.observations.base import Observation
 from ..sim.records import Record
 from .distributions import ActionValues, Distribution
+from .plan import Planned
 
 Params = PyTree[Array]
 Memory = PyTree[Array]
@@ -18,7 +19,7 @@ class Output(Record):
 
     # Over actions in the environment's own units: its `mode()` drives when evaluating;
     # where it is a distribution, its `sample(key)` explores.
-    policy: Distribution | ActionValues
+    policy: Distribution | ActionValues | Planned
     value: Float[Array, ""]  # the expected return; zero where the agent has no critic
 
 

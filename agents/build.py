@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, Key
 
 from ..sim.dynamics.base import ActionSpec, Discrete
 from ..sim.observations.base import Observation
+from . import plan
 from .base import Agent, Memory, Output, Params
 from .distributions import ActionValues
 from .encoders.flat import FlatConfig, FlatEncoder
@@ -19,18 +20,23 @@ from .encoders.wayformer import Wayformer, WayformerConfig
 from .heads.action_values import ActionValueHead, DuelingHead
 from .heads.factored import FactoredCategoricalHead
 from .heads.policy import policy_head
+from .heads.trajectory import TrajectoryConfig
 from .heads.value import ValueHead
+from .planner import Planner, PlannerConfig
 from .recurrent import GRU
 
 EncoderConfig = WayformerConfig | FlatConfig
-# What a learner asks of an agent: a policy, with a critic or without, or what each
-# action is worth.
-Kind = Literal["policy", "actor_critic", "action_values"]
+# What a learner asks of an agent: a policy, with a critic or without, what each action
+# is worth, or where it may go.
+Kind = Literal["policy", "actor_critic", "action_values", "trajectories"]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class AgentConfig:
-    """The network: an encoder, what follows it, and details of its heads."""
+    """The network: an encoder, what follows it, and details of its heads.
+
+    Forecasts of trajectories come from the encoder's tokens, and drive by plans.
+    """
 
     encoder: EncoderConfig = field(default_factory=WayformerConfig)
     hidden_width: int = 128  # of the perceptron behind the encoder
@@ -39,12 +45,14 @@ class AgentConfig:
     num_components: int = 10  # of the mixture over continuous actions
     factored: bool = False  # numbered actions have a softmax for each of their numbers
     dueling: bool = False  # action values are those of a state and of advantages
+    trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
 
     def __post_init__(self) -> None:
         """Checks the sizes.
 
         Raises:
-            ValueError: if a size is too small.
+            ValueError: if a size is too small, or a plan exceeds the forecast.
         """
         for name, least in (
             ("hidden_width", 1),
@@ -55,6 +63,14 @@ class AgentConfig:
             if getattr(self, name) < least:
                 raise ValueError(
                     f"{name} must be at least {least}, got {getattr(self, name)}."
+                )
+        for name in ("num_steps", "num_modes"):
+            planned = getattr(self.planner, name)
+            forecast = getattr(self.trajectory, name)
+            if planned > forecast:
+                raise ValueError(
+                    f"planner.{name} must be at most trajectory.{name}, got {planned} "
+                    f"and {forecast}."
                 )
 
 
@@ -128,6 +144,28 @@ def _head(
     return _ActionValues(head(width, spec.num_actions, rngs=rngs))
 
 
+def _planner(
+    config: AgentConfig, observation: Observation, spec: ActionSpec, rngs: nnx.Rngs
+) -> Planner:
+    if spec != plan.ACTION_SPEC:
+        raise ValueError(
+            "the learner of forecasts drives from pose to pose; set dynamics=delta"
+        )
+    if not isinstance(config.encoder, WayformerConfig):
+        raise ValueError(
+            "forecasts attend to tokens, and the encoder flat has none; set "
+            "agent.encoder.name=wayformer"
+        )
+    if config.memory_width:
+        raise ValueError(
+            f"who drives by forecasts remembers its plan alone; set "
+            f"agent.memory_width=0, got {config.memory_width}."
+        )
+    return Planner(
+        config.encoder, config.trajectory, config.planner, observation, rngs=rngs
+    )
+
+
 def build(
     config: AgentConfig,
     observation: Observation,
@@ -147,8 +185,10 @@ def build(
         ValueError: if the actions do not suit the kind or the head.
     """
 
-    def network(key: Key[Array, ""]) -> _Network:
+    def network(key: Key[Array, ""]) -> _Network | Planner:
         rngs = nnx.Rngs(params=key)
+        if kind == "trajectories":
+            return _planner(config, observation, action_spec, rngs)
         return _Network(config, observation, action_spec, kind, rngs=rngs)
 
     # The object is taken apart once: what is traced per call is a pure function.
@@ -158,6 +198,8 @@ def build(
         return nnx.to_pure_dict(nnx.state(network(key)))
 
     def memory() -> Memory:
+        if kind == "trajectories":
+            return plan.none_yet(config.planner.num_steps)
         return jnp.zeros(config.memory_width) if config.memory_width else ()
 
     def step(

@@ -72,7 +72,7 @@ def cover(
         uncovered = jnp.where(is_near[best], 0.0, uncovered)
         return (uncovered, is_chosen.at[best].set(True)), best
 
-    start = (probability, jnp.zeros(probability.shape, bool))
+    start = (probability, probability < 0)  # none; on devices as the probability is
     _, chosen = jax.lax.scan(choose, start, length=num_modes)
     return chosen
 

@@ -11,7 +11,8 @@ from ..agents import build as agents
 from ..agents.base import Agent, Params
 from ..learners import acting, build as learners, opponents
 from ..learners.base import Learner
-from ..learners.bc import CloningConfig
+from ..learners.bc import CloningConfig, Draw
+from ..learners.forecasting import ForecastConfig
 from ..learners.opponents import OpponentsConfig
 from ..learners.ppo import EnvironmentOf
 from ..learners.seeds import side_by_side
@@ -25,6 +26,7 @@ from ..sim.env import build as tasks
 from ..sim.env.base import Environment
 from ..sim.env.controlled import moving_vehicles
 from ..sim.env.demonstrations import demonstrations
+from ..sim.env.futures import futures
 from ..sim.observations import build as observations
 from ..sim.observations.vector import VectorConfig
 from ..sim.sim_agents import build as sim_agents
@@ -131,7 +133,7 @@ def agent(experiment: Experiment, env: Environment, bank: Bank) -> Agent:
         bank: of one device; only its shapes are read.
 
     Raises:
-        ValueError: if the sizes of the network are out of range.
+        ValueError: if network, learner and task do not fit together.
     """
 
     def first_observation(bank: Bank):
@@ -154,11 +156,8 @@ def learner(experiment: Experiment, env: Environment, agent: Agent) -> Learner:
     Raises:
         ValueError: if its parts do not fit together.
     """
-    sample = demonstrations(
-        dynamics.build(experiment.dynamics), observations.build(experiment.observation)
-    )
     env_of = _environment_of(experiment, env, agent)
-    of_one = learners.build(experiment.learner, agent, env_of, sample)
+    of_one = learners.build(experiment.learner, agent, env_of, _sample(experiment))
     return of_one if experiment.seeds == 1 else side_by_side(of_one)
 
 
@@ -179,6 +178,15 @@ def _environment_of(
         return tasks.build(task, moves, observer, others, opponents.team(controls, mix))
 
     return env_of
+
+
+def _sample(experiment: Experiment) -> Draw:
+    """Returns what draws examples for learners from logs."""
+    moves = dynamics.build(experiment.dynamics)
+    observer = observations.build(experiment.observation)
+    if isinstance(experiment.learner, ForecastConfig):
+        return futures(moves, observer, experiment.agent.trajectory.num_steps)
+    return demonstrations(moves, observer)
 
 
 def keys(experiment: Experiment) -> Key[Array, "*seeds"]:

@@ -16,6 +16,7 @@ from ..sim.env.base import Act, Driver, Environment, State, Timestep
 from ..sim.metrics.base import Measure
 from ..sim.observations.base import Observation
 from ..sim.records import Record
+from ..sim.scene import Scene
 from . import strata
 from .strata import Share
 
@@ -237,7 +238,12 @@ def greedy(agent: Agent, env: Environment) -> Callable[[PyTree, Array], Driver]:
             here = state.controlled & state.motion.valid
             return _where(here, memory, _memory(env, agent, len(here))), (action,)
 
-        return Driver(lambda scene: _memory(env, agent, len(scene.object_mask)), act)
+        def reset(scene: Scene) -> Memory:
+            memory = _memory(env, agent, len(scene.object_mask))
+            # Chosen by the scene, so that it counts as the device's own, as in `act`.
+            return _where(scene.index >= 0, memory, memory)
+
+        return Driver(reset, act)
 
     return driver_of
 

@@ -2,19 +2,22 @@
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import Literal
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Key
+from jaxtyping import Array, Key, PRNGKeyArray, PyTree
 
 from ..agents.base import Agent, Params
 from ..agents.distributions import Categorical
 from ..agents.factored import FactoredCategorical
-from ..sim.data.stratum import whole
+from ..sim.data.stratum import Stratum, whole
 from ..sim.env.demonstrations import Demonstration, Sample
 from . import balance, losses, optim, strata
-from .base import Bank, Learner, Metrics, TrainState
+from .base import Bank, Experience, Learner, Metrics, TrainState
+
+Draw = Callable[[Bank, Stratum, PRNGKeyArray], PyTree]  # of one example of any kind
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -65,61 +68,32 @@ def behavior_cloning(
     def loss(params: Params, batch: Demonstration) -> tuple[Metrics, None]:
         return imitation(agent, params, batch, config.label_smoothing), None
 
-    def init(key: Key[Array, ""], bank: Bank, axis_name: str) -> TrainState:
-        del axis_name
-        key, params_key = jax.random.split(key)
-        params = agent.init(params_key)
-        kept = ()
-        if config.class_balance:
-            kept = balance.begin(_num_actions(agent, sample, bank))
-        return TrainState(
-            params=params,
-            opt_state=optimizer.transformation.init(params),
-            step=jnp.zeros((), jnp.int32),
-            key=key,
-            kept=kept,
-        )
+    per_stratum = config.batch_size // config.strata
+    learner = from_logs(agent, sample, optimizer, config.strata, per_stratum, loss)
+    if not config.class_balance:
+        return learner
+    return _balanced(learner, agent, sample, config.class_balance)
 
-    def act(
-        train_state: TrainState, bank: Bank, axis_name: str
-    ) -> tuple[TrainState, Demonstration]:
-        key, batch_key = jax.random.split(train_state.key)
-        share = strata.share(config.strata, axis_name)
-        per_stratum = config.batch_size // config.strata
-        batch = draw(sample, bank, share, batch_key, per_stratum)
-        return train_state.replace(key=key), batch
+
+def _balanced(
+    learner: Learner, agent: Agent, sample: Sample, exponent: float
+) -> Learner:
+    """Makes a learner for which demonstrations weigh more the rarer their actions."""
+
+    def init(key: Key[Array, ""], bank: Bank, axis_name: str) -> TrainState:
+        num_actions = _num_actions(agent, sample, bank)
+        begun = learner.init(key, bank, axis_name)
+        return begun.replace(kept=balance.begin(num_actions))
 
     def learn(
         train_state: TrainState, batch: Demonstration, bank: Bank, axis_name: str
     ) -> tuple[TrainState, Metrics]:
-        del bank
-        if config.class_balance:
-            seen = balance.see(train_state.kept, batch.action, batch.weight, axis_name)
-            rare = balance.weights(seen, batch.action, config.class_balance)
-            batch = batch.replace(weight=batch.weight * rare)
-            train_state = train_state.replace(kept=seen)
-        train_state, metrics, _ = optim.descend(
-            optimizer, train_state, axis_name, loss, batch
-        )
-        return train_state, metrics
+        seen = balance.see(train_state.kept, batch.action, batch.weight, axis_name)
+        rare = balance.weights(seen, batch.action, exponent)
+        batch = batch.replace(weight=batch.weight * rare)
+        return learner.learn(train_state.replace(kept=seen), batch, bank, axis_name)
 
-    return Learner(init=init, act=act, learn=learn)
-
-
-def draw(
-    sample: Sample,
-    bank: Bank,
-    share: strata.Share,
-    key: Key[Array, ""],
-    per_stratum: int,
-) -> Demonstration:
-    """Draws demonstrations, as many of each stratum, with a leading axis of all."""
-
-    def of_stratum(stratum, key: Key[Array, ""]) -> Demonstration:
-        keys = jax.random.split(key, per_stratum)
-        return jax.vmap(sample, in_axes=(None, None, 0))(bank, stratum, keys)
-
-    return strata.merge(jax.vmap(of_stratum)(share.stratum, share.keys(key)))
+    return Learner(init=init, act=learner.act, learn=learn)
 
 
 def _num_actions(agent: Agent, sample: Sample, bank: Bank) -> int:
@@ -142,6 +116,72 @@ def _num_actions(agent: Agent, sample: Sample, bank: Bank) -> int:
             )
 
 
+def from_logs(
+    agent: Agent,
+    sample: Draw,
+    optimizer: optim.Optimizer,
+    num_strata: int,
+    per_stratum: int,
+    loss: optim.Loss,
+) -> Learner:
+    """Makes a learner from logs alone: it draws a batch where others act.
+
+    Args:
+        agent: what is trained.
+        sample: draws one example from the bank.
+        optimizer: takes the steps.
+        num_strata: over all devices.
+        per_stratum: how many examples of each are in a batch.
+        loss: of the parameters and a batch.
+    """
+
+    def init(key: Key[Array, ""], bank: Bank, axis_name: str) -> TrainState:
+        del bank, axis_name
+        key, params_key = jax.random.split(key)
+        params = agent.init(params_key)
+        return TrainState(
+            params=params,
+            opt_state=optimizer.transformation.init(params),
+            step=jnp.zeros((), jnp.int32),
+            key=key,
+        )
+
+    def act(
+        train_state: TrainState, bank: Bank, axis_name: str
+    ) -> tuple[TrainState, Experience]:
+        key, batch_key = jax.random.split(train_state.key)
+        share = strata.share(num_strata, axis_name)
+        batch = draw(sample, bank, share, batch_key, per_stratum)
+        return train_state.replace(key=key), batch
+
+    def learn(
+        train_state: TrainState, batch: Experience, bank: Bank, axis_name: str
+    ) -> tuple[TrainState, Metrics]:
+        del bank
+        train_state, metrics, _ = optim.descend(
+            optimizer, train_state, axis_name, loss, batch
+        )
+        return train_state, metrics
+
+    return Learner(init=init, act=act, learn=learn)
+
+
+def draw(
+    sample: Draw,
+    bank: Bank,
+    share: strata.Share,
+    key: Key[Array, ""],
+    per_stratum: int,
+) -> PyTree:
+    """Draws examples, as many of each stratum, with a leading axis of all."""
+
+    def of_stratum(stratum: Stratum, key: Key[Array, ""]) -> PyTree:
+        keys = jax.random.split(key, per_stratum)
+        return jax.vmap(sample, in_axes=(None, None, 0))(bank, stratum, keys)
+
+    return strata.merge(jax.vmap(of_stratum)(share.stratum, share.keys(key)))
+
+
 def imitation(
     agent: Agent, params: Params, batch: Demonstration, smoothing: float = 0.0
 ) -> Metrics:
@@ -153,10 +193,8 @@ def imitation(
     def imitate(demonstration: Demonstration) -> dict[str, Array]:
         _, output = agent.step(params, agent.memory(), demonstration.observation)
         error = losses.imitation_error(output.policy, demonstration.action)
-        return {
-            "loss": losses.surprise(output.policy, demonstration.action, smoothing),
-            **error,
-        }
+        loss = losses.surprise(output.policy, demonstration.action, smoothing)
+        return {"loss": loss, **error}
 
     terms = jax.vmap(imitate)(batch)
     return {name: losses.weighted(term, batch.weight) for name, term in terms.items()}

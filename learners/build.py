@@ -2,15 +2,15 @@
 
 from ..agents.base import Agent
 from ..agents.build import Kind
-from ..sim.env.demonstrations import Sample
 from . import optim
 from .apg import AnalyticConfig, analytic_policy_gradient
 from .base import Learner
-from .bc import CloningConfig, behavior_cloning
+from .bc import CloningConfig, Draw, behavior_cloning
 from .dqn import DQNConfig, double_dqn
+from .forecasting import ForecastConfig, forecasting
 from .ppo import EnvironmentOf, PPOConfig, ppo
 
-LearnerConfig = CloningConfig | DQNConfig | PPOConfig | AnalyticConfig
+LearnerConfig = CloningConfig | ForecastConfig | DQNConfig | PPOConfig | AnalyticConfig
 
 
 def kind_of(config: LearnerConfig) -> Kind:
@@ -20,12 +20,14 @@ def kind_of(config: LearnerConfig) -> Kind:
             return "action_values"
         case PPOConfig():
             return "actor_critic"
-        case _:
+        case ForecastConfig():
+            return "trajectories"
+        case CloningConfig() | AnalyticConfig():
             return "policy"
 
 
 def build(
-    config: LearnerConfig, agent: Agent, env_of: EnvironmentOf, sample: Sample
+    config: LearnerConfig, agent: Agent, env_of: EnvironmentOf, sample: Draw
 ) -> Learner:
     """Builds the learner of a config.
 
@@ -33,7 +35,7 @@ def build(
         config: what to build; its type says which.
         agent: the policy it improves.
         env_of: where it acts, given the parameters of a past self, if it meets any.
-        sample: draws one demonstration from the bank.
+        sample: draws what it imitates from the bank, one at a time.
 
     Raises:
         ValueError: if learner, agent and task do not fit together.
@@ -48,3 +50,5 @@ def build(
             return ppo(agent, env_of, sample, optimizer, config)
         case AnalyticConfig():
             return analytic_policy_gradient(env, agent, optimizer, config)
+        case ForecastConfig():
+            return forecasting(agent, sample, optimizer, config)

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 
 from ..agents.distributions import ActionValues, Categorical, Distribution, TanhMixture
 from ..agents.factored import FactoredCategorical
+from ..agents.plan import Planned
 from ..sim.dynamics.base import Action
 from .base import Mean
 
@@ -33,7 +34,7 @@ def combine(terms: Sequence[tuple[float, Mean]], axis_name: str) -> Mean:
 
 
 def imitation_error(
-    policy: Distribution | ActionValues, action: Action
+    policy: Distribution | ActionValues | Planned, action: Action
 ) -> dict[str, Float[Array, ""]]:
     """Compares the action that a policy would drive with the expert's.
 
@@ -41,6 +42,9 @@ def imitation_error(
         `accuracy`, whether the two are the same, for numbered actions; else
         `absolute_error`, averaged over the features as fractions of their ranges, since
         their units differ.
+
+    Raises:
+        TypeError: if the policy is a plan, whose actions have no range.
     """
     mode = policy.mode()
     match policy:
@@ -49,10 +53,14 @@ def imitation_error(
         case TanhMixture(bounds=bounds):
             span = jnp.array(bounds.high) - jnp.array(bounds.low)
             return {"absolute_error": jnp.mean(jnp.abs(mode - action) / span)}
+        case Planned():
+            raise _planned()
 
 
 def surprise(
-    policy: Distribution | ActionValues, action: Action, smoothing: float = 0.0
+    policy: Distribution | ActionValues | Planned,
+    action: Action,
+    smoothing: float = 0.0,
 ) -> Float[Array, ""]:
     """Returns how unlikely an action is [nats].
 
@@ -68,7 +76,10 @@ def surprise(
 
     Raises:
         ValueError: while it is traced, if continuous actions are to be smoothed.
+        TypeError: if the policy is a plan, which takes its action for sure.
     """
+    if isinstance(policy, Planned):
+        raise _planned()
     if isinstance(policy, ActionValues):
         policy = Categorical(logits=policy.values)
     likely = policy.log_prob(action)
@@ -86,3 +97,7 @@ def surprise(
                 "dynamics=bicycle_discrete"
             )
     return -(1 - smoothing) * likely - smoothing * mean
+
+
+def _planned() -> TypeError:
+    return TypeError("a plan is no distribution over actions; train its forecasts.")

@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray, PyTree
 
 from ..agents.base import Agent, Memory, Output, Params
 from ..agents.distributions import ActionValues, Distribution
+from ..agents.plan import Planned
 from ..sim.dynamics.base import Action
 from ..sim.observations.base import Observation
 from ..sim.records import Record
@@ -45,10 +46,10 @@ def distribution(output: Output) -> Distribution:
     """Returns the policy of an agent that draws its actions.
 
     Raises:
-        TypeError: while it is traced, if the agent values actions instead.
+        TypeError: while it is traced, if the agent values actions or plans instead.
     """
-    if isinstance(output.policy, ActionValues):
-        raise TypeError("the agent must draw its actions, got one of action values.")
+    if isinstance(output.policy, ActionValues | Planned):
+        raise TypeError("the agent must draw its actions, not value or plan them.")
     return output.policy
 
 
