@@ -73,7 +73,7 @@ def test_training_is_one_program_without_the_host() -> None:
         return draw(bank, stratum, key)
 
     config = CloningConfig(batch_size=8, learning_rate=1e-3)
-    learner = learners.build(config, agent, sample)
+    learner = learners.build(config, agent, lambda past: env, sample)
     program = compile_program(learner, mesh, 2)
     state = initial_state(learner, mesh, jax.random.key(0), bank)
     state, metrics = program(state, bank)
