@@ -1,0 +1,37 @@
+"""Tests that the experiments of `configs/` are whole and fit together."""
+
+import importlib.resources
+
+import jax
+import pytest
+
+from drivetrain.launch import config
+from drivetrain.launch.experiment import Experiment, agent, environment, keys, learner
+from tests import worlds
+
+NAMES = sorted(
+    path.name
+    for path in importlib.resources.files("drivetrain.configs").iterdir()
+    if path.name.endswith(".yaml")
+)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_config_is_of_parts_that_fit(name: str) -> None:
+    path = importlib.resources.files("drivetrain.configs") / name
+    experiment = config.from_yaml(path.read_text(), Experiment, source=name)
+    bank = worlds.bank("generated")
+    env = environment(experiment)
+    made = agent(experiment, env, jax.eval_shape(lambda: bank))
+    assert learner(experiment, env, made)
+    assert jax.eval_shape(made.init, jax.random.key(0))
+    assert keys(experiment).size == experiment.seeds
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_config_says_what_it_is_on_what_and_by_which_command(name: str) -> None:
+    path = importlib.resources.files("drivetrain.configs") / name
+    lines = path.read_text().splitlines()
+    header = " ".join(line for line in lines if line.startswith("#"))
+    assert "Hardware:" in header and "Command" in header
+    assert f"configs/{name}" in header or "drivetrain demo" in header
