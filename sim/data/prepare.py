@@ -7,7 +7,7 @@ import math
 import pathlib
 import queue
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -43,8 +43,13 @@ class Summary:
 
     def reasons(self) -> list[tuple[str, int]]:
         """Returns the reasons for which records were left out, most frequent first."""
-        kinds = Counter(record["reason"].split(":")[0] for record in self.bad)
-        return kinds.most_common()
+        return reasons(self.bad)
+
+
+def reasons(bad: Sequence[Mapping[str, Any]]) -> list[tuple[str, int]]:
+    """Returns how many records each reason left out, most frequent first."""
+    kinds = Counter(record["reason"].split(":")[0] for record in bad)
+    return kinds.most_common()
 
 
 def prepare(
