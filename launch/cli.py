@@ -3,7 +3,9 @@
 import dataclasses
 import os
 import pathlib
+import shlex
 import sys
+from collections.abc import Callable, Mapping
 from typing import Annotated, Literal
 
 import jax
@@ -68,7 +70,17 @@ def train(
     experiment = config.load(config_file, Experiment, fields)
     folder = out or pathlib.Path("runs") / config_file.stem
     run_training(experiment, folder)
-    print(f"trained: {folder}; evaluate it with: drivetrain evaluate {folder}")
+    print(f"trained: {folder}; evaluate it with: {_evaluation(experiment, folder)}")
+
+
+def _evaluation(experiment: Experiment, folder: pathlib.Path) -> str:
+    """Returns the command that plays what a run has not trained on."""
+    words = ["drivetrain", "evaluate", str(folder)]
+    if experiment.split == "train":
+        words += ["--data", experiment.data, "--split", "test"]
+        if experiment.test_share != loader.Source.test_share:
+            words += ["--test-share", str(experiment.test_share)]
+    return shlex.join(words)
 
 
 def evaluate(
@@ -256,19 +268,13 @@ def main() -> None:
     words = sys.argv[1:]
     try:
         if words[:1] == ["data"]:
-            tyro.extras.subcommand_cli_from_dict(
-                DATA_COMMANDS,
-                prog="drivetrain data",
-                description=data.__doc__,
-                args=words[1:],
-            )
+            _run(DATA_COMMANDS, "drivetrain data", data.__doc__ or "", words[1:])
         else:
-            tyro.extras.subcommand_cli_from_dict(
-                COMMANDS,
-                prog="drivetrain",
-                description="Trains driving policies inside a simulator that runs on "
-                "the accelerator.",
+            about = (
+                "Trains driving policies inside a simulator that runs on the "
+                "accelerator."
             )
+            _run(COMMANDS, "drivetrain", about, words)
     except BrokenPipeError:  # whoever read the results has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(141)
@@ -284,6 +290,26 @@ def main() -> None:
             file=sys.stderr,
         )
         sys.exit(130)
+
+
+def _run(
+    commands: Mapping[str, Callable[..., None]],
+    prog: str,
+    about: str,
+    words: list[str],
+) -> None:
+    """Runs one of some commands.
+
+    What is wrong with an option of a command that is told which it is comes under the
+    option's own name; of a union of commands, tyro names a wrapper of its own.
+    """
+    if words and words[0] in commands:
+        command = commands[words[0]]
+        tyro.cli(command, prog=f"{prog} {words[0]}", args=words[1:])
+    else:
+        tyro.extras.subcommand_cli_from_dict(
+            dict(commands), prog=prog, description=about, args=words
+        )
 
 
 def _sentence(error: Exception) -> str:
