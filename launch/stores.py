@@ -12,7 +12,7 @@ from ..sim.data import inputs, loader, prepare as preparing, statistics, store
 from ..sim.data.loader import Split
 from ..sim.data.pack import PackConfig
 from ..sim.data.timeline import Timeline
-from . import comparison, histograms, outputs, summary as summaries
+from . import comparison, histograms, interrupts, outputs, summary as summaries
 from .progress import progress
 
 MAX_NAMED = 10  # records left out that are named, each with its reason
@@ -64,15 +64,17 @@ def prepare(
     total = sum(len(item) if isinstance(item, range) else 1 for item in items)
     out = pathlib.Path(paths[-1])
     settings = PackConfig(simplify=simplify, quantize=quantize, timeline=timeline)
-    with progress("preparing", total, unit="inputs") as line:
-        summary = preparing.prepare(
-            items,
-            out,
-            settings,
-            strict,
-            lambda done, num: line.update(done, f"{num:,} scenarios"),
-            workers or os.cpu_count() or 1,
-        )
+    num_workers = workers or os.cpu_count() or 1
+    with (
+        progress("preparing", total, unit="inputs") as line,
+        interrupts.noted() as check,
+    ):
+
+        def tick(done: int, num_scenarios: int) -> None:
+            check()
+            line.update(done, f"{num_scenarios:,} scenarios")
+
+        summary = preparing.prepare(items, out, settings, strict, tick, num_workers)
     _print_summary(summary, out)
 
 

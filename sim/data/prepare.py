@@ -244,6 +244,10 @@ class _Count:
         self._done[number] = (num_inputs, num_scenarios)
         self._total[0] += num_inputs - before[0]
         self._total[1] += num_scenarios - before[1]
+        self.say()
+
+    def say(self) -> None:
+        """Tells the sums."""
         self._tick(*self._total)
 
 
@@ -261,6 +265,7 @@ def _in_parallel(
                 waiting, PATIENCE, concurrent.futures.FIRST_EXCEPTION
             )
             _tell(news, count)
+            count.say()  # so that whoever listens may end the work
             for future in done:
                 shard, number = future.result(), futures[future]  # or what it raised
                 # What the worker said last may still be on its way.
