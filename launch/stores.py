@@ -15,6 +15,7 @@ from ..sim.data.timeline import Timeline
 from . import comparison, histograms, interrupts, outputs, summary as summaries
 from .progress import progress
 
+MANY_DROPPED = 1e-3  # of the candidates for the nearest road edge, to be told
 MAX_NAMED = 10  # records left out that are named, each with its reason
 
 
@@ -105,10 +106,11 @@ def _print_summary(summary: preparing.Summary, out: pathlib.Path) -> None:
             f"{summary.num_coarse} scenario(s) are wider than 655 m and kept to more "
             "than 1 cm; --no-quantize keeps float32"
         )
-    if summary.num_index_dropped:
+    if summary.share_index_dropped >= MANY_DROPPED:
         console.print(
-            f"{summary.num_index_dropped:,} candidates for the nearest road edge did "
-            "not fit into cells of 1 m; the nearest ones were kept"
+            f"{100 * summary.share_index_dropped:.1f} % of the candidates for the "
+            "nearest road edge did not fit into cells of 1 m; in crowded ones an edge "
+            "up to 1.4 m farther may count as the nearest"
         )
     if summary.duplicates:
         console.print(

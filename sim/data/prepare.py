@@ -37,7 +37,7 @@ class Summary:
     num_continued: int  # shards that an earlier run had finished
     num_bytes: int  # of all scenarios in the bank
     num_coarse: int  # wider than 655 m, so that places are kept to more than 1 cm
-    num_index_dropped: int  # candidates that did not fit into the index of road edges
+    share_index_dropped: float  # of candidates, those that no list of edges could hold
     bad: list[dict[str, Any]]  # file, record and reason of each record left out
     duplicates: list[str]  # scenario ids that came more than once
 
@@ -99,7 +99,8 @@ def prepare(
         num_continued=num_continued,
         num_bytes=total.num_bytes,
         num_coarse=total.num_coarse,
-        num_index_dropped=total.num_index_dropped,
+        share_index_dropped=total.num_index_dropped
+        / max(total.num_index_dropped + total.num_index_listed, 1),
         bad=total.bad,
         duplicates=_duplicates(jobs, made, total),
     )

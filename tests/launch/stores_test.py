@@ -8,8 +8,8 @@ import numpy as np
 import orjson
 import pytest
 
-from drivetrain.launch import comparison, summary
-from drivetrain.sim.data import store
+from drivetrain.launch import comparison, stores, summary
+from drivetrain.sim.data import prepare as preparing, store
 from drivetrain.sim.data.entry import Entry
 from tests.sim.data import files
 
@@ -171,3 +171,22 @@ def test_what_cannot_be_meant_is_refused_before_the_work(
     error = " ".join(capsys.readouterr().err.split())
     assert sentence in error and "reading" not in error
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(("dropped", "is_told"), [(0, False), (1, False), (2, True)])
+def test_candidates_left_out_are_told_from_a_thousandth_on(
+    tmp_path: pathlib.Path, capsys, dropped: int, is_told: bool
+) -> None:
+    made = preparing.Summary(
+        num_scenarios=1,
+        num_shards=1,
+        num_continued=0,
+        num_bytes=1000,
+        num_coarse=0,
+        share_index_dropped=dropped / 2000,
+        bad=[],
+        duplicates=[],
+    )
+    stores._print_summary(made, tmp_path)
+    said = capsys.readouterr().out
+    assert ("0.1 % of the candidates for the nearest road edge" in said) == is_told
