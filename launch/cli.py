@@ -28,6 +28,7 @@ from . import (
     dump as dumps,
     evaluate as evaluating,
     outputs,
+    spelling,
     stores,
     tables,
 )
@@ -69,8 +70,19 @@ def train(
     jax.config.update("jax_debug_nans", debug_nans)
     experiment = config.load(config_file, Experiment, fields)
     folder = out or pathlib.Path("runs") / config_file.stem
+    _warn_of_pages(experiment)
     run_training(experiment, folder)
     print(f"trained: {folder}; evaluate it with: {_evaluation(experiment, folder)}")
+
+
+def _warn_of_pages(experiment: Experiment) -> None:
+    stream, updates = experiment.stream, experiment.updates
+    if stream.resident is not None and stream.updates_per_page > updates:
+        print(
+            f"drivetrain: no page will be exchanged: stream.updates_per_page "
+            f"({stream.updates_per_page:,}) is more than updates ({updates:,})",
+            file=sys.stderr,
+        )
 
 
 def _evaluation(experiment: Experiment, folder: pathlib.Path) -> str:
@@ -265,7 +277,7 @@ DATA_COMMANDS = {"summary": stores.summary, "compare": stores.compare}
 def main() -> None:
     """Runs a command; bad input ends it with one sentence and exit code 2."""
     _use_compile_cache()
-    words = sys.argv[1:]
+    words = spelling.spelt(sys.argv[1:])
     try:
         if words[:1] == ["data"]:
             _run(DATA_COMMANDS, "drivetrain data", data.__doc__ or "", words[1:])
