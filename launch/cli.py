@@ -3,7 +3,9 @@
 import dataclasses
 import os
 import pathlib
+import shlex
 import sys
+from collections.abc import Callable, Mapping
 from typing import Annotated, Literal
 
 import jax
@@ -26,6 +28,7 @@ from . import (
     dump as dumps,
     evaluate as evaluating,
     outputs,
+    spelling,
     stores,
     tables,
 )
@@ -67,8 +70,29 @@ def train(
     jax.config.update("jax_debug_nans", debug_nans)
     experiment = config.load(config_file, Experiment, fields)
     folder = out or pathlib.Path("runs") / config_file.stem
+    _warn_of_pages(experiment)
     run_training(experiment, folder)
-    print(f"trained: {folder}; evaluate it with: drivetrain evaluate {folder}")
+    print(f"trained: {folder}; evaluate it with: {_evaluation(experiment, folder)}")
+
+
+def _warn_of_pages(experiment: Experiment) -> None:
+    stream, updates = experiment.stream, experiment.updates
+    if stream.resident is not None and stream.updates_per_page > updates:
+        print(
+            f"drivetrain: no page will be exchanged: stream.updates_per_page "
+            f"({stream.updates_per_page:,}) is more than updates ({updates:,})",
+            file=sys.stderr,
+        )
+
+
+def _evaluation(experiment: Experiment, folder: pathlib.Path) -> str:
+    """Returns the command that plays what a run has not trained on."""
+    words = ["drivetrain", "evaluate", str(folder)]
+    if experiment.split == "train":
+        words += ["--data", experiment.data, "--split", "test"]
+        if experiment.test_share != loader.Source.test_share:
+            words += ["--test-share", str(experiment.test_share)]
+    return shlex.join(words)
 
 
 def evaluate(
@@ -255,22 +279,16 @@ DATA_COMMANDS = {"summary": stores.summary, "compare": stores.compare}
 def main() -> None:
     """Runs a command; bad input ends it with one sentence and exit code 2."""
     _use_compile_cache()
-    words = sys.argv[1:]
+    words = spelling.spelt(sys.argv[1:])
     try:
         if words[:1] == ["data"]:
-            tyro.extras.subcommand_cli_from_dict(
-                DATA_COMMANDS,
-                prog="drivetrain data",
-                description=data.__doc__,
-                args=words[1:],
-            )
+            _run(DATA_COMMANDS, "drivetrain data", data.__doc__ or "", words[1:])
         else:
-            tyro.extras.subcommand_cli_from_dict(
-                COMMANDS,
-                prog="drivetrain",
-                description="Trains driving policies inside a simulator that runs on "
-                "the accelerator.",
+            about = (
+                "Trains driving policies inside a simulator that runs on the "
+                "accelerator."
             )
+            _run(COMMANDS, "drivetrain", about, words)
     except BrokenPipeError:  # whoever read the results has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(141)
@@ -286,6 +304,26 @@ def main() -> None:
             file=sys.stderr,
         )
         sys.exit(130)
+
+
+def _run(
+    commands: Mapping[str, Callable[..., None]],
+    prog: str,
+    about: str,
+    words: list[str],
+) -> None:
+    """Runs one of some commands.
+
+    What is wrong with an option of a command that is told which it is comes under the
+    option's own name; of a union of commands, tyro names a wrapper of its own.
+    """
+    if words and words[0] in commands:
+        command = commands[words[0]]
+        tyro.cli(command, prog=f"{prog} {words[0]}", args=words[1:])
+    else:
+        tyro.extras.subcommand_cli_from_dict(
+            dict(commands), prog=prog, description=about, args=words
+        )
 
 
 def _sentence(error: Exception) -> str:

@@ -83,6 +83,31 @@ def to_yaml(config: Any) -> str:
     )
 
 
+def differences(before: Any, now: Any) -> list[str]:
+    """Says in which fields two configs differ, such as `seed (0, now 1)`.
+
+    Fields come by their dotted names, those of `before` first; one that only one of
+    them has, such as that of another learner, is `nothing` in the other.
+    """
+    one, other = _leaves(_plain(before), ""), _leaves(_plain(now), "")
+    return [
+        f"{name} ({one.get(name, 'nothing')}, now {other.get(name, 'nothing')})"
+        for name in one | other
+        if one.get(name) != other.get(name)
+    ]
+
+
+def _leaves(value: Any, name: str) -> dict[str, str]:
+    """Returns every value in a section as YAML has it, by its dotted name."""
+    if not isinstance(value, dict) or not value:
+        text = yaml.dump([value], Dumper=_Dumper, default_flow_style=True, width=10**6)
+        return {name: text.strip()[1:-1]}
+    found: dict[str, str] = {}
+    for key, item in value.items():
+        found |= _leaves(item, f"{name}.{key}" if name else str(key))
+    return found
+
+
 class _Dumper(yaml.SafeDumper):
     """Writes tuples in brackets, and quotes what could be read as something else."""
 

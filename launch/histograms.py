@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib import axes, figure as mpl_figure
+from matplotlib import axes, figure as mpl_figure, ticker
 
 Values = Float[np.ndarray, " values"]
 
@@ -18,7 +18,9 @@ AXIS_COLOR = "#555555"
 
 
 def draw(
-    panels: Mapping[str, Mapping[str, Values]], notes: Mapping[str, str] | None = None
+    panels: Mapping[str, Mapping[str, Values]],
+    notes: Mapping[str, str] | None = None,
+    title: str | None = None,
 ) -> bytes:
     """Draws histograms as a PNG.
 
@@ -26,18 +28,22 @@ def draw(
         panels: by title, the values of each source by its name; a source of shares of 0
             and 1 alone becomes a bar.
         notes: by title, a word to add.
+        title: of the whole.
     """
     rows = math.ceil(len(panels) / COLUMNS)
     fig = mpl_figure.Figure(
         figsize=(3.4 * COLUMNS, 2.6 * rows), layout="constrained", dpi=110
     )
     grid = np.atleast_1d(fig.subplots(rows, COLUMNS, squeeze=False)).ravel()
-    for ax, (title, sources) in zip(grid, panels.items(), strict=False):
-        note = (notes or {}).get(title)
+    for ax, (name, sources) in zip(grid, panels.items(), strict=False):
+        note = (notes or {}).get(name)
         _panel(ax, sources)
-        ax.set_title(f"{title}\n{note}" if note else title, fontsize=9)
+        ax.set_title(f"{name}\n{note}" if note else name, fontsize=9)
     for ax in grid[len(panels) :]:
         ax.set_visible(False)
+    if title is not None:
+        fig.suptitle(title, fontsize=11)
+    fig.supylabel("share of what is counted", fontsize=9)
     handles, labels = grid[0].get_legend_handles_labels()
     if len(labels) > 1:
         fig.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False)
@@ -58,6 +64,10 @@ def _panel(ax: axes.Axes, sources: Mapping[str, Values]) -> None:
     if np.isin(every, (0.0, 1.0)).all():
         _shares(ax, sources)
         return
+    ax.xaxis.set_major_locator(
+        ticker.MaxNLocator(5, integer=_is_whole(every), min_n_ticks=1)
+    )
+    ax.xaxis.set_major_formatter(ticker.StrMethodFormatter("{x:,g}"))
     bins = _bins(every)
     for color, (name, found) in zip(COLORS, sources.items(), strict=False):
         inside = np.clip(found, bins[0], bins[-1])
@@ -74,9 +84,13 @@ def _panel(ax: axes.Axes, sources: Mapping[str, Values]) -> None:
         )
 
 
+def _is_whole(every: Values) -> bool:
+    return np.array_equal(every, np.round(every))
+
+
 def _bins(every: Values) -> Float[np.ndarray, " edges"]:
     low, high = np.percentile(every, TAILS)
-    if np.array_equal(every, np.round(every)) and high - low < NUM_BINS:
+    if _is_whole(every) and high - low < NUM_BINS:
         return np.arange(low - 0.5, high + 1.0)
     return np.linspace(low, high if high > low else low + 1, NUM_BINS + 1)
 

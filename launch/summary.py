@@ -2,13 +2,14 @@
 
 import dataclasses
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 from rich import box, table as rich_table, text
 
+from ..sim.data import prepare as preparing
 from ..sim.data.bank import MAX_ROWS, TABLES
 from ..sim.data.entry import Entry
 from ..sim.data.packed import QUANTUM
@@ -85,6 +86,8 @@ def summarize(entries: Sequence[Entry]) -> dict[str, Any]:
         / len(entries)
         for name in SHARES
     }
+    ids = Counter(entry.scenario_id for entry in entries)
+    repeated = {name: count for name, count in ids.items() if count > 1}
     return {
         "scenarios": len(entries),
         "bytes_total": int(num_bytes.sum()),
@@ -108,6 +111,7 @@ def summarize(entries: Sequence[Entry]) -> dict[str, Any]:
             name: _distribution(values(entries, name)) for name in DISTRIBUTIONS
         },
         "suspicious_lights": suspicious_lights(entries),
+        "repeated_ids": sorted(repeated),
         "index_dropped": sum(entry.num_index_dropped for entry in entries),
         "wider_than_655_m": sum(entry.quantum > QUANTUM for entry in entries),
     }
@@ -214,11 +218,60 @@ def lines(figures: dict[str, Any]) -> list[str]:
         said.append(f"{row['dataset']}: routes from {routes}; egos {egos}.")
     for word, count in figures["assumptions"].items():
         said.append(f"Assumed in {count:,} scenario(s): {word}.")
+    repeated = figures["repeated_ids"]
+    if repeated:
+        said.append(
+            f"{len(repeated)} scenario id(s) came more than once: {_some(repeated)}"
+        )
     suspects = figures["suspicious_lights"]
     if suspects:
         said.append(
             f"{len(suspects)} scenario(s) whose lights look out of step with the "
-            f"tracks (more pass at red than at green): {', '.join(suspects[:5])}"
-            + (" \N{HORIZONTAL ELLIPSIS}" if len(suspects) > 5 else "")
+            f"tracks (more pass at red than at green): {_some(suspects)}"
         )
+    return said
+
+
+def _some(names: Sequence[str]) -> str:
+    more = " \N{HORIZONTAL ELLIPSIS}" if len(names) > 5 else ""
+    return ", ".join(names[:5]) + more
+
+
+def preparation(
+    manifest: Mapping[str, Any], bad: Sequence[Mapping[str, Any]]
+) -> dict[str, Any]:
+    """Returns how a store was made, as JSON can hold it.
+
+    Args:
+        manifest: of the store.
+        bad: the records that were left out, each with its reason.
+    """
+    return {
+        "settings": manifest["pack"],
+        "left_out": len(bad),
+        "left_out_reasons": dict(preparing.reasons(bad)),
+    }
+
+
+def preparation_lines(figures: dict[str, Any]) -> list[str]:
+    """Returns sentences about how a store was made."""
+    settings = figures["settings"]
+    timeline = settings["timeline"]
+    step = timeline["current_step"]
+    kept = (
+        f"16-bit numbers, map lines simplified to {100 * settings['simplify']:g} cm"
+        if settings["quantize"]
+        else "float32 numbers, map lines not simplified"
+    )
+    said = [
+        f"Prepared with: {kept}, current step "
+        f"{'as each format has it' if step is None else step}, other rates "
+        f"{timeline['other_rates']}d.",
+    ]
+    if figures["left_out"]:
+        reasons = "; ".join(
+            f"{count:,} x {reason}"
+            for reason, count in figures["left_out_reasons"].items()
+        )
+        said.append(f"{figures['left_out']:,} record(s) were left out: {reasons}.")
     return said

@@ -65,11 +65,11 @@ def read(
     for reader in READERS:
         if reader.recognizes(head):
             return _settled(reader.records(path), path, timeline)
-    names = ", ".join(reader.name for reader in READERS)
+    *names, last = (reader.name for reader in READERS)
     return _bad_file(
         path,
-        f"a file that begins with {head[:12]!r} is of no known format; known: "
-        f"{names}. If it is meant to be one, its beginning is damaged: copy it again",
+        f"no known format: the file begins with {head[:12]!r}; if it is meant to be "
+        f"{', '.join(names)} or {last}, its beginning is damaged: copy it again",
     )
 
 

@@ -6,7 +6,7 @@ import pathlib
 from collections.abc import Iterator, Sequence
 
 from ..scenario import ScenarioError
-from . import build as readers, workers
+from . import build as readers, store, workers
 from .base import BadRecord
 from .pack import PackConfig, pack
 from .packed import Packed
@@ -23,6 +23,7 @@ def inputs_of(text: str) -> Sequence[Input]:
 
     Raises:
         FileNotFoundError: if no file is so named.
+        IsADirectoryError: if the text is that of a folder.
         ValueError: if `synthetic:FIRST:COUNT` is malformed.
     """
     if text.startswith(SYNTHETIC):
@@ -107,11 +108,22 @@ def matching_files(pattern: str) -> list[pathlib.Path]:
 
     Raises:
         FileNotFoundError: if there is none.
+        IsADirectoryError: if it is a folder.
     """
     paths = [pathlib.Path(name) for name in sorted(glob.glob(pattern, recursive=True))]
     if pathlib.Path(pattern).is_file():
         paths = [pathlib.Path(pattern)]
     files = [path for path in paths if path.is_file()]
+    folder = pathlib.Path(pattern)
+    if not files and store.is_store(folder):
+        raise IsADirectoryError(
+            f"'{pattern}' is a store already; name the files that it was made of"
+        )
+    if not files and folder.is_dir():
+        raise IsADirectoryError(
+            f"'{pattern}' is a folder; give a quoted pattern of the files in it, such "
+            f"as '{folder / '*'}'"
+        )
     if not files:
         raise FileNotFoundError(
             f"no file matches '{pattern}'; name a store made by 'drivetrain prepare', "

@@ -104,6 +104,7 @@ def _assumptions(
         "kinds of lanes, lines and edges": any(
             road.get("map_element_id") not in _KNOWN_CODES for road in roads
         ),
+        parts.NO_LANE_GRAPH: True,
     }
     return tuple(word for word, is_so in made_up.items() if is_so)
 

@@ -10,6 +10,7 @@ import grain
 
 from . import store
 from .base import BadRecord
+from .census import Census
 from .entry import entry_of
 from .inputs import all_records, inputs_of
 from .pack import PackConfig
@@ -79,35 +80,28 @@ def load(
     """
     bad: list[BadRecord] = []
     kept: list[Packed] = []
-    datasets: set[str] = set()  # of what is not wanted
+    census = Census(source.split, source.query)
     limit = source.max_scenarios
     for done, packed in enumerate(_open(source, bad, num_workers), start=1):
         tick(done)
-        if source.is_store or _is_wanted(packed, source):
+        if source.is_store or _is_wanted(packed, source, census):
             kept.append(packed)
-        else:
-            datasets.add(packed.dataset)
         if limit is not None and len(kept) >= limit:
             break
     if not kept:
-        reasons = "; ".join(str(record) for record in bad[:3])
-        query = "" if source.query.is_open else f", {source.query}"
-        raise SourceError(
-            f"no usable scenario in '{source.path}' (split {source.split}{query})"
-            + (f": {reasons}" if reasons else "")
-            + _other_datasets(source, datasets)
-        )
+        raise SourceError(_none_wanted(source, census, bad))
     return kept
 
 
-def _other_datasets(source: Source, seen: set[str]) -> str:
-    """Returns the end of a sentence: what there is, where another format is wanted."""
+def _none_wanted(source: Source, census: Census, bad: list[BadRecord]) -> str:
+    """Returns the sentence that says why no scenario of a source can be had."""
     if source.is_store:
-        entries = store.entries(pathlib.Path(source.path))
-        seen = {entry.dataset for entry in entries}
-    if source.query.dataset in (None, *seen) or not seen:
-        return "."
-    return f"; datasets in it: {', '.join(sorted(seen))}."
+        for entry in store.entries(pathlib.Path(source.path)):
+            is_in_split = in_split(entry.scenario_id, source.split, source.test_share)
+            census.admits(is_in_split, lambda entry=entry: entry)
+    reasons = "; ".join(str(record) for record in bad[:3])
+    found = [part for part in (census.sentence(), reasons) if part]
+    return ": ".join([f"no usable scenario in '{source.path}'", *found]) + "."
 
 
 def wanted_numbers(source: Source) -> list[int]:
@@ -125,10 +119,9 @@ def wanted_numbers(source: Source) -> list[int]:
     ][: source.max_scenarios]
 
 
-def _is_wanted(packed: Packed, source: Source) -> bool:
-    return in_split(packed.scenario_id, source.split, source.test_share) and (
-        source.query.is_open or source.query.matches(entry_of(packed))
-    )
+def _is_wanted(packed: Packed, source: Source, census: Census) -> bool:
+    is_in_split = in_split(packed.scenario_id, source.split, source.test_share)
+    return census.admits(is_in_split, lambda: entry_of(packed))
 
 
 def in_split(scenario_id: str, split: Split, test_share: float) -> bool:

@@ -37,6 +37,7 @@ from .parts import seen_lights
 from .simplify import kept_points
 from .timeline import Timeline
 
+MAX_SIMPLIFY = 1.0  # metres: beyond, road edges move into lanes
 _MAX_INT16 = 2**15 - 1
 Fields = dict[str, Any]  # of a packed scenario, by name
 
@@ -55,11 +56,12 @@ class PackConfig:
         """Checks the tolerance.
 
         Raises:
-            ValueError: if it is negative or not finite.
+            ValueError: if it is negative, or so wide that roads lose their shape.
         """
-        if not 0 <= self.simplify < np.inf:
+        if not 0 <= self.simplify <= MAX_SIMPLIFY:
             raise ValueError(
-                f"simplify must be a length of at least 0 m, got {self.simplify}."
+                f"simplify must be a length from 0 to {MAX_SIMPLIFY:g} m, got "
+                f"{self.simplify}."
             )
 
 

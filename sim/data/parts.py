@@ -21,6 +21,7 @@ POLYGONS = (MapType.CROSSWALK, MapType.SPEED_BUMP, MapType.DRIVEWAY)
 CLOCK_JITTER = 0.0005  # seconds about 0.1 s
 MAX_STATES = 1 << 20  # tracks times steps: five times a crowd of 1,000 over 20 s
 MAX_POINTS = 1 << 21  # of a map: fifty times the largest seen
+NO_LANE_GRAPH = "lane links from lane ends, no speed limits"  # an assumption
 MAX_LIGHT_STEPS = 10**7  # beyond, a damaged record would ask for gigabytes
 
 

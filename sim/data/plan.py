@@ -91,9 +91,11 @@ def _require_same(
                 f"{earlier.get(name)}, now {plan[name]}); {cure}"
             )
     before, now = earlier["inputs"], plan["inputs"]
-    if earlier["pack"] != plan["pack"] or _names(before) != _names(now):
+    differences = _settings(earlier["pack"], plan["pack"]) + _files(before, now)
+    if differences:
         raise FileExistsError(
-            f"'{out}' holds a store of other files or settings; {cure}"
+            f"'{out}' holds a store of other files or settings: "
+            f"{', '.join(differences)}; {cure}"
         )
     for (name, *was), (_, *fact) in zip(before, now, strict=True):
         if was != fact:
@@ -102,5 +104,29 @@ def _require_same(
             )
 
 
-def _names(inputs: Sequence[Sequence[Any]]) -> list[str]:
-    return [name for name, *_ in inputs]
+def _settings(before: dict[str, Any], now: dict[str, Any]) -> list[str]:
+    """Says which settings differ, those of a section by dotted names."""
+    found = []
+    for name in before | now:
+        was, fact = before.get(name), now.get(name)
+        if isinstance(was, dict) and isinstance(fact, dict):
+            found += [f"{name}.{each}" for each in _settings(was, fact)]
+        elif was != fact:
+            found.append(f"{name} was {was}, now {fact}")
+    return found
+
+
+def _files(before: Sequence[Sequence[Any]], now: Sequence[Sequence[Any]]) -> list[str]:
+    """Says which inputs are new, gone or in another order."""
+    was, names = ([name for name, *_ in inputs] for inputs in (before, now))
+    if was == names:
+        return []
+    found = []
+    for word, some, others in (
+        ("new", names, set(was)),
+        ("gone", was, set(names)),
+    ):
+        rest = [name for name in some if name not in others]
+        if rest:
+            found.append(f"{len(rest):,} {word}, such as '{rest[0]}'")
+    return found or ["the order of the files"]

@@ -7,7 +7,7 @@ import math
 import pathlib
 import queue
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,14 +37,19 @@ class Summary:
     num_continued: int  # shards that an earlier run had finished
     num_bytes: int  # of all scenarios in the bank
     num_coarse: int  # wider than 655 m, so that places are kept to more than 1 cm
-    num_index_dropped: int  # candidates that did not fit into the index of road edges
+    share_index_dropped: float  # of candidates, those that no list of edges could hold
     bad: list[dict[str, Any]]  # file, record and reason of each record left out
     duplicates: list[str]  # scenario ids that came more than once
 
     def reasons(self) -> list[tuple[str, int]]:
         """Returns the reasons for which records were left out, most frequent first."""
-        kinds = Counter(record["reason"].split(":")[0] for record in self.bad)
-        return kinds.most_common()
+        return reasons(self.bad)
+
+
+def reasons(bad: Sequence[Mapping[str, Any]]) -> list[tuple[str, int]]:
+    """Returns how many records each reason left out, most frequent first."""
+    kinds = Counter(record["reason"].split(":")[0] for record in bad)
+    return kinds.most_common()
 
 
 def prepare(
@@ -94,7 +99,8 @@ def prepare(
         num_continued=num_continued,
         num_bytes=total.num_bytes,
         num_coarse=total.num_coarse,
-        num_index_dropped=total.num_index_dropped,
+        share_index_dropped=total.num_index_dropped
+        / max(total.num_index_dropped + total.num_index_listed, 1),
         bad=total.bad,
         duplicates=_duplicates(jobs, made, total),
     )
@@ -239,6 +245,10 @@ class _Count:
         self._done[number] = (num_inputs, num_scenarios)
         self._total[0] += num_inputs - before[0]
         self._total[1] += num_scenarios - before[1]
+        self.say()
+
+    def say(self) -> None:
+        """Tells the sums."""
         self._tick(*self._total)
 
 
@@ -256,6 +266,7 @@ def _in_parallel(
                 waiting, PATIENCE, concurrent.futures.FIRST_EXCEPTION
             )
             _tell(news, count)
+            count.say()  # so that whoever listens may end the work
             for future in done:
                 shard, number = future.result(), futures[future]  # or what it raised
                 # What the worker said last may still be on its way.

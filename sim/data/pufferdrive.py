@@ -52,6 +52,8 @@ ASSUMPTIONS = (
     f"steps of {scenario.DT} s",
     "kinds of lanes, lines and edges",
     "no lights in the file",
+    "ego: chosen among the vehicles",
+    parts.NO_LANE_GRAPH,
 )
 
 

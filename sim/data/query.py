@@ -25,8 +25,13 @@ class Query:
         """Checks the counts.
 
         Raises:
-            ValueError: if no count of objects is between them.
+            ValueError: if one is negative, or no count of objects is between them.
         """
+        for name in ("min_objects", "max_objects"):
+            if (getattr(self, name) or 0) < 0:
+                raise ValueError(
+                    f"{name} must be at least 0, got {getattr(self, name)}."
+                )
         if self.max_objects is not None and self.max_objects < self.min_objects:
             raise ValueError(
                 f"no scenario has at least {self.min_objects} and at most "
@@ -37,6 +42,17 @@ class Query:
     def is_open(self) -> bool:
         """Whether every scenario is wanted."""
         return self == EVERYTHING
+
+    def conditions(self) -> dict[str, "Query"]:
+        """Returns each condition alone, by its text, such as `lights=true`."""
+        fields = {field.name: field for field in dataclasses.fields(self)}
+        found = {}
+        for name, value in dataclasses.asdict(self).items():
+            if value != fields[name].default:
+                text = str(value).lower() if isinstance(value, bool) else value
+                alone = dataclasses.replace(EVERYTHING, **{name: value})
+                found[f"{name}={text}"] = alone
+        return found
 
     def matches(self, entry: Entry) -> bool:
         """Tells whether a scenario is wanted."""

@@ -143,7 +143,7 @@ def read_map(features: dict[Any, Any], number: dict[str, int]) -> Map:
         found = outlined
     links = _lane_links(found, number)
     if links is None:
-        assumptions.append("lane links from lane ends, no speed limits")
+        assumptions.append(parts.NO_LANE_GRAPH)
     return Map(
         roads=_polylines(found, number, is_flat),
         lane_links=links,

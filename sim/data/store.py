@@ -91,17 +91,48 @@ def entries(path: pathlib.Path) -> list[Entry]:
         FileNotFoundError: if there is no finished store.
         StoreError: if the store is damaged.
     """
-    found: list[Entry] = []
-    for shard in shard_paths(path):
-        listing = shard.with_suffix(".json")
+    return [one for found in _listings(path) for one in found.entries]
+
+
+def bad_records(path: pathlib.Path) -> list[dict[str, Any]]:
+    """Returns the file, record and reason of each record that `prepare` left out.
+
+    Raises:
+        FileNotFoundError: if there is no finished store.
+        StoreError: if the store is damaged.
+    """
+    return [record for found in _listings(path) for record in found.bad]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Listing:
+    """The list of a shard."""
+
+    entries: list[Entry]
+    bad: list[dict[str, Any]]
+
+
+def _listings(path: pathlib.Path) -> Iterator[_Listing]:
+    """Yields the lists of the shards, each that of the shard in the manifest."""
+    for shard in read_manifest(path)["shards"]:
+        file = (path / shard["name"]).with_suffix(".json")
         try:
-            found += [Entry(**fields) for fields in read_json(listing)["scenarios"]]
+            listing = read_json(file)
+            digest = listing["sha256"]
+            found = [Entry(**fields) for fields in listing["scenarios"]]
+            bad = list(listing["bad"])
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise StoreError(
-                f"'{listing}' is damaged or missing ({error}); delete it and run "
-                "prepare again with the same files"
+                f"'{file}' is damaged or missing; delete it and run prepare again with "
+                "the same files"
             ) from error
-    return found
+        if digest != shard["sha256"]:
+            raise StoreError(
+                f"'{file}' is the list of another shard than '{shard['name']}' in "
+                f"'{path / MANIFEST}'; delete it and run prepare again with the same "
+                "files"
+            )
+        yield _Listing(found, bad)
 
 
 def write_shard(path: pathlib.Path, scenarios: Iterable[Packed]) -> str:
@@ -162,10 +193,13 @@ def read_manifest(path: pathlib.Path) -> dict[str, Any]:
     try:
         manifest = json.loads((path / MANIFEST).read_text())
         version = manifest["format_version"]
-        names = [pathlib.PurePath(shard["name"]) for shard in manifest["shards"]]
+        shards = manifest["shards"]
+        names = [pathlib.PurePath(shard["name"]) for shard in shards]
+        [shard["sha256"] for shard in shards]
     except (ValueError, KeyError, TypeError) as error:
         raise StoreError(
-            f"'{path / MANIFEST}' is damaged ({error}); delete it and run prepare again"
+            f"'{path / MANIFEST}' is damaged: it is no list of shards in JSON; delete "
+            "it and run prepare again with the same files"
         ) from error
     if version != FORMAT_VERSION:
         raise StoreError(
@@ -192,7 +226,11 @@ def shard_paths(path: pathlib.Path) -> list[pathlib.Path]:
 
 
 class Records:
-    """The records of a store, by number, for a random access loader."""
+    """The records of a store, by number, for a random access loader.
+
+    Each is checked against the lists: how many there are when the store is opened, and
+    the id of each when it is read. `verify` reads every byte.
+    """
 
     def __init__(self, path: pathlib.Path):
         """Opens a store.
@@ -202,18 +240,34 @@ class Records:
             StoreError: if the store is damaged.
         """
         self._path = path
+        self._ids = [entry.scenario_id for entry in entries(path)]
         names = [str(shard) for shard in shard_paths(path)]
         with self._named():
             self._source: Any = grain.sources.ArrayRecordDataSource(names)
-            self._length = len(self._source)
+            length = len(self._source)
+        if length != len(self._ids):
+            raise self._strange(f"{length} records, {len(self._ids)} in the lists")
 
     def __len__(self) -> int:
-        return self._length
+        return len(self._ids)
 
     def __getitem__(self, number: int) -> Packed:
         with self._named():
             record = self._source[number]
-        return decode(record)
+        packed = decode(record)
+        if packed.scenario_id != self._ids[number]:
+            raise self._strange(
+                f"record {number} is '{packed.scenario_id}', by the lists "
+                f"'{self._ids[number]}'"
+            )
+        return packed
+
+    def _strange(self, what: str) -> StoreError:
+        return StoreError(
+            f"{_damaged_shard(self._path)} of the store '{self._path}' is not the one "
+            f"that was made ({what}); delete it and run prepare again with the same "
+            "files"
+        )
 
     @contextlib.contextmanager
     def _named(self) -> Iterator[None]:
@@ -224,6 +278,21 @@ class Records:
                 f"{_damaged_shard(self._path)} of the store '{self._path}' is damaged "
                 f"({error}); delete it and run prepare again with the same files"
             ) from error
+
+
+def verify(path: pathlib.Path) -> None:
+    """Checks every byte of every shard against the SHA-256 in the manifest.
+
+    Raises:
+        FileNotFoundError: if there is no finished store.
+        StoreError: if one is not what was written; the message names the first.
+    """
+    for shard in read_manifest(path)["shards"]:
+        if file_digest(path / shard["name"]) != shard["sha256"]:
+            raise StoreError(
+                f"shard '{shard['name']}' of the store '{path}' is not the one that "
+                "was made; delete it and run prepare again with the same files"
+            )
 
 
 def _damaged_shard(path: pathlib.Path) -> str:

@@ -18,7 +18,8 @@ class Tally:
 
     num_bytes: int  # of all scenarios in the bank
     num_coarse: int  # wider than 655 m, so that places are kept to more than 1 cm
-    num_index_dropped: int  # candidates that did not fit into the index of road edges
+    num_index_dropped: int  # candidates that did not fit into the index of road edges,
+    num_index_listed: int  # and that did
     datasets: Counter[str]
     route_sources: Counter[str]
     bad: list[dict[str, Any]]  # file, record and reason of each record left out
@@ -46,6 +47,7 @@ def tally_of(listing: Mapping[str, Any]) -> Tally:
         num_bytes=sum(entry["num_bytes"] for entry in entries),
         num_coarse=sum(entry["quantum"] > QUANTUM for entry in entries),
         num_index_dropped=sum(entry["num_index_dropped"] for entry in entries),
+        num_index_listed=sum(entry["rows"]["blocks"] for entry in entries),
         datasets=Counter(entry["dataset"] for entry in entries),
         route_sources=Counter(entry["route_source"] for entry in entries),
         bad=listing["bad"],
@@ -59,6 +61,7 @@ def total(tallies: Sequence[Tally]) -> Tally:
         num_bytes=sum(one.num_bytes for one in tallies),
         num_coarse=sum(one.num_coarse for one in tallies),
         num_index_dropped=sum(one.num_index_dropped for one in tallies),
+        num_index_listed=sum(one.num_index_listed for one in tallies),
         datasets=sum((one.datasets for one in tallies), Counter()),
         route_sources=sum((one.route_sources for one in tallies), Counter()),
         bad=[record for one in tallies for record in one.bad],

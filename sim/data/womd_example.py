@@ -105,6 +105,7 @@ def convert(record: bytes) -> Scenario:
         roads=_roads(features),
         lights=_lights(features, num_steps=tracks.valid.shape[1]),
         lane_links=None,
+        assumptions=(parts.NO_LANE_GRAPH,),
         paths=_paths(features),
     )
 

@@ -239,3 +239,21 @@ def test_text_in_another_encoding_is_refused(tmp_path: pathlib.Path) -> None:
     path.write_bytes("data: é".encode("latin-1"))
     with pytest.raises(ConfigError, match="no UTF-8 text"):
         config.load(path, Root)
+
+
+def test_configs_differ_in_the_fields_that_differ() -> None:
+    before = Root(data="a b", seed=0, learner=Dqn(hidden=(4, 8)))
+    now = Root(data="a b", env=Env(num_objects=3), learner=Ppo(clip=0.2))
+    assert config.differences(before, now) == [
+        "seed (0, now null)",
+        "env.num_objects (128, now 3)",
+        "learner.name (dqn, now ppo)",
+        "learner.learning_rate (5.0e-05, now nothing)",
+        "learner.hidden ([4, 8], now nothing)",
+        "learner.clip (nothing, now 0.2)",
+    ]
+
+
+@given(ROOTS)
+def test_a_config_differs_in_nothing_from_itself(root: Root) -> None:
+    assert config.differences(root, dataclasses.replace(root)) == []

@@ -93,7 +93,7 @@ def test_a_log_without_a_future_is_too_short(tmp_path: pathlib.Path) -> None:
     [
         (b"", "the file is empty"),
         (gzip.compress(b"", mtime=0), "the file is empty"),
-        (bytes(100), "no known format; known: womd_example, womd_scenario, argoverse2"),
+        (bytes(100), "meant to be womd_example, womd_scenario, argoverse2, commonroad"),
         (b"OBJ1 is a head of another format", "no known format"),
         (b"PAR1 is a head of parquet", "the parquet data are damaged"),
         (b"{]", "the text is no valid JSON"),

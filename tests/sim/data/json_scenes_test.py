@@ -29,7 +29,10 @@ def written(seed: int = 0) -> Scenario:
         files.scenario(seed),
         dataset="womd_json",
         lane_links=None,
-        assumptions=("headings: radians, as none exceeds 6.3",),
+        assumptions=(
+            "headings: radians, as none exceeds 6.3",
+            "lane links from lane ends, no speed limits",
+        ),
     )
 
 
@@ -63,7 +66,10 @@ def test_a_scenario_comes_back(seed: int) -> None:
 def test_degrees_are_told_from_radians() -> None:
     wanted = written()
     found = converted(files.json_document(wanted, in_degrees=True))
-    assert found.assumptions == ("headings: degrees, as some exceed 6.3",)
+    assert found.assumptions == (
+        "headings: degrees, as some exceed 6.3",
+        "lane links from lane ends, no speed limits",
+    )
     same = dataclasses.replace(found, assumptions=wanted.assumptions)
     assert files.differences(same, wanted, ROUNDING) == []
 
@@ -79,6 +85,7 @@ def test_an_old_file_gets_what_it_lacks() -> None:
         "places: at height zero",
         "ids: the places in the lists",
         "kinds of lanes, lines and edges",
+        "lane links from lane ends, no speed limits",
     )
     assert (found.ego_index, found.ego_source) == (4, "last")
     assert not found.tracks.is_of_interest.any()

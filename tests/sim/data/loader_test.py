@@ -179,7 +179,7 @@ def test_files_without_a_usable_scenario_are_named_with_the_reason(tmp_path):
 
 
 def test_an_empty_split_is_named():
-    with pytest.raises(SourceError, match="split test"):
+    with pytest.raises(SourceError, match="all 1 are in split train; change"):
         loader.load(Source(path="synthetic:0:1", split="test", test_share=1e-9))
 
 

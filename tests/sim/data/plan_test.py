@@ -8,6 +8,7 @@ import pytest
 
 from drivetrain.sim.data import plan, prepare, store
 from drivetrain.sim.data.pack import PackConfig
+from drivetrain.sim.data.timeline import Timeline
 from tests.sim.data import files
 
 
@@ -37,16 +38,41 @@ def contents(folder: pathlib.Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
-@pytest.mark.parametrize("other", ["fewer files", "order", "settings"])
-def test_a_folder_of_other_files_or_settings_is_left_alone(paths, made, other):
+@pytest.mark.parametrize(
+    ("chosen", "change", "what"),
+    [
+        (slice(1, 2), {}, "1 gone, such as '.*0.json'"),
+        (slice(None, None, -1), {}, "the order of the files"),
+        (slice(0, 2), {"quantize": False}, "quantize was True, now False"),
+        (
+            slice(0, 2),
+            {"timeline": Timeline(current_step=12)},
+            "timeline.current_step was None, now 12",
+        ),
+    ],
+    ids=["fewer files", "order", "settings", "timeline"],
+)
+def test_a_folder_of_other_files_or_settings_is_left_alone(
+    paths, made, chosen, change, what
+):
     before = contents(made)
-    chosen = {"fewer files": paths[1:], "order": paths[::-1]}.get(other, paths)
-    config = PackConfig(quantize=other != "settings")
 
-    with pytest.raises(FileExistsError, match="other files or settings; name another"):
-        prepare.prepare(chosen, made, config)
+    sentence = f"other files or settings: {what}; name another"
+    with pytest.raises(FileExistsError, match=sentence):
+        prepare.prepare(paths[chosen], made, PackConfig(**change))
 
     assert contents(made) == before
+
+
+def test_new_files_are_counted_and_the_first_named(paths, made, tmp_path):
+    more = [tmp_path / f"new{number}.json" for number in range(3)]
+    for path in more:
+        path.write_bytes(paths[0].read_bytes())
+
+    with pytest.raises(
+        FileExistsError, match=r"settings: 3 new, such as '.*new0.json';"
+    ):
+        prepare.prepare([*paths, *more], made, PackConfig())
 
 
 def test_a_file_that_grew_makes_another_store(paths, made):

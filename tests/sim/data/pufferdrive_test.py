@@ -59,6 +59,8 @@ def test_the_assumptions_are_told() -> None:
         "steps of 0.1 s",
         "kinds of lanes, lines and edges",
         "no lights in the file",
+        "ego: chosen among the vehicles",
+        "lane links from lane ends, no speed limits",
     )
 
 

@@ -3,18 +3,34 @@
 import dataclasses
 import json
 import pathlib
+from collections.abc import Sequence
 
 import msgpack
 import numpy as np
 import pytest
 
 from drivetrain.sim.data import store
+from drivetrain.sim.data.entry import entry_of
 from drivetrain.sim.data.pack import PackConfig, pack
 from drivetrain.sim.data.packed import Packed
 from drivetrain.sim.data.synthetic import generate as synthetic
 from tests.sim.data import files, mutations
 
 NUM_MUTATIONS = 200
+
+
+def write_store(path: pathlib.Path, groups: Sequence[Sequence[Packed]]) -> None:
+    """Writes a store with a shard for each group."""
+    shards = []
+    for number, group in enumerate(groups):
+        shard = path / f"shard-{number:05d}.array_record"
+        digest = store.write_shard(shard, group)
+        found = [dataclasses.asdict(entry_of(one)) for one in group]
+        listing = {"sha256": digest, "bad": [], "scenarios": found}
+        store.write_json(shard.with_suffix(".json"), listing)
+        shards.append({"name": shard.name, "sha256": digest})
+    manifest = {"format_version": store.FORMAT_VERSION, "shards": shards}
+    store.write_json(path / store.MANIFEST, manifest)
 
 
 @pytest.fixture(scope="module", params=[True, False], ids=["quantised", "float32"])
@@ -26,13 +42,7 @@ def packed(request: pytest.FixtureRequest) -> list[Packed]:
 @pytest.fixture
 def made(tmp_path: pathlib.Path, packed: list[Packed]) -> pathlib.Path:
     """Returns a store of two shards."""
-    names = ["shard-00000.array_record", "shard-00001.array_record"]
-    shards = [
-        {"name": name, "sha256": store.write_shard(tmp_path / name, scenarios)}
-        for name, scenarios in zip(names, (packed[:2], packed[2:]), strict=True)
-    ]
-    manifest = {"format_version": store.FORMAT_VERSION, "shards": shards}
-    store.write_json(tmp_path / store.MANIFEST, manifest)
+    write_store(tmp_path, (packed[:2], packed[2:]))
     return tmp_path
 
 
@@ -226,12 +236,51 @@ def test_flipped_bits_in_a_shard_are_noticed(made):
         list(store.read(made))
 
 
+@pytest.fixture
+def other(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    """Returns a store of other scenarios, of one shard of two."""
+    path = tmp_path_factory.mktemp("other")
+    scenarios = [pack(synthetic.generate(seed), PackConfig()) for seed in (7, 8)]
+    write_store(path, [scenarios])
+    return path
+
+
+def test_a_shard_of_another_store_is_noticed_when_it_is_read(made, other):
+    name = "shard-00000.array_record"
+    (made / name).write_bytes((other / name).read_bytes())
+
+    with pytest.raises(store.StoreError, match=f"'{name}' .* is not the one.*record 0"):
+        list(store.read(made))
+    with pytest.raises(store.StoreError, match=f"'{name}' .* is not the one"):
+        store.verify(made)
+
+
+def test_a_shard_with_another_number_of_records_is_noticed(made, other):
+    shard = made / "shard-00001.array_record"
+    shard.write_bytes((other / "shard-00000.array_record").read_bytes())
+
+    with pytest.raises(store.StoreError, match="4 records, 3 in the lists"):
+        store.Records(made)
+
+
+def test_a_shard_of_another_store_with_its_list_is_noticed(made, other):
+    for path in other.glob("shard-*"):
+        (made / path.name).write_bytes(path.read_bytes())
+
+    with pytest.raises(store.StoreError, match="is the list of another shard"):
+        store.Records(made)
+
+
+def test_a_whole_store_is_verified(made):
+    store.verify(made)
+
+
 @pytest.mark.parametrize(
     "trick", ["..", "", ".", "../{0}/{1}", "/etc/passwd", "a/../{1}"]
 )
 def test_a_manifest_names_no_file_outside_its_store(made, trick):
     name = trick.format(made.name, "shard-00000.array_record")
-    change_manifest(made, shards=[{"name": name}])
+    change_manifest(made, shards=[{"name": name, "sha256": ""}])
 
     with pytest.raises(store.StoreError, match="missing"):
         store.shard_paths(made)

@@ -18,6 +18,7 @@ def listing(*scenario_ids: str, **changes: Any) -> dict[str, Any]:
         "num_bytes": 100,
         "quantum": 0.01,
         "num_index_dropped": 2,
+        "rows": {"blocks": 5, "nodes": 7},
         "dataset": "womd_json",
         "route_source": "lane_ends",
         **changes,
@@ -35,7 +36,7 @@ def test_tallies_add_up():
     both = tally.total([one, other])
 
     assert (both.num_scenarios, both.num_bytes, both.num_coarse) == (3, 300, 1)
-    assert both.num_index_dropped == 6
+    assert (both.num_index_dropped, both.num_index_listed) == (6, 15)
     assert both.datasets == Counter(womd_json=3)
     assert both.route_sources == Counter(lane_ends=2, log=1)
     assert len(both.bad) == 2

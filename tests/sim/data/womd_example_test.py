@@ -19,7 +19,10 @@ MEDIAN_STEP_ERROR = 0.01  # metres: the log is smoothed, so |dx - v dt| is milli
 def written(seed: int = 0) -> Scenario:
     """Returns a scenario as the reader should name it."""
     return dataclasses.replace(
-        files.scenario(seed), dataset="womd_example", lane_links=None
+        files.scenario(seed),
+        dataset="womd_example",
+        lane_links=None,
+        assumptions=("lane links from lane ends, no speed limits",),
     )
 
 
