@@ -190,7 +190,7 @@ def _pretrained(experiment: Experiment, params: Params, mesh: Mesh) -> Params:
 
 def _say(line: str) -> None:
     console = rich_console.Console(stderr=True)
-    console.print(line, highlight=False, markup=False)
+    console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
 def _check_folder(folder: pathlib.Path, experiment: Experiment) -> None:
@@ -200,10 +200,13 @@ def _check_folder(folder: pathlib.Path, experiment: Experiment) -> None:
             raise FileExistsError(
                 f"'{folder}' is there and no run; name a new folder with --out"
             )
-    elif config.load(path, Experiment) != experiment:
+        return
+    there = config.load(path, Experiment)
+    if there != experiment:
+        changes = "; ".join(config.differences(there, experiment))
         raise FileExistsError(
-            f"'{folder}' holds a run of another config; name another folder with "
-            "--out, or delete this one first"
+            f"'{folder}' holds a run of another config: {changes}; name another folder "
+            "with --out"
         )
 
 
