@@ -47,6 +47,7 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
     """
     _check_folder(folder, experiment)
     files.require_writable(folder)
+    env = environment(experiment)  # before data are loaded: it knows wrong names
     mesh = meshes.data_mesh()
     checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
     feed = feeds.open_feed(
@@ -58,7 +59,6 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
         checkpoints.metadata(),
     )
     _say(feed.describe())
-    env = environment(experiment)
     driver = agent(experiment, env, banks.one_shard(feed.bank))
     learns = learner(experiment, env, driver)
     program = compile_program(learns, mesh, experiment.updates_per_call)

@@ -25,6 +25,14 @@ def presses() -> Iterator[list[str]]:
     gc.callbacks.remove(press)
 
 
+@pytest.fixture(autouse=True)
+def heeded() -> Iterator[None]:
+    """Heeds Ctrl-C, which a shell tells what runs in the background to ignore."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def test_what_comes_in_a_callback_is_raised_at_the_next_look(presses) -> None:
     seen = []
     with pytest.raises(KeyboardInterrupt):
