@@ -1,10 +1,9 @@
 """States a plan: the next actions, which are taken one by one without looking."""
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, Key
 
-from ..sim import geometry
+from ..sim import geometry, pytrees
 from ..sim.dynamics.delta import delta
 from ..sim.records import Record
 from .trajectories import Trajectories
@@ -68,7 +67,4 @@ def along(poses: Float[Array, "steps 3"]) -> Plan:
 
 def continued(plan: Plan, fresh: Plan) -> tuple[Plan, Float[Array, " 3"]]:
     """Takes the next action of a plan, or the first of a fresh one if it is done."""
-    current = jax.tree.map(
-        lambda new, old: jnp.where(plan.is_done(), new, old), fresh, plan
-    )
-    return current.follow()
+    return pytrees.where(plan.is_done(), fresh, plan).follow()

@@ -1,5 +1,6 @@
 """Lets an agent drive: the one path by which learners act and evaluations play."""
 
+import dataclasses
 import functools
 from collections.abc import Callable
 
@@ -8,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Key, PRNGKeyArray, PyTree
 
 from ..agents.base import Agent, Memory, Output, Params
+from ..sim import pytrees
 from ..sim.data.bank import Bank
 from ..sim.data.stratum import Stratum
 from ..sim.dynamics.base import Action, ActionSpec
@@ -50,32 +52,39 @@ class Step(Record):
     measures: dict[str, Measure]
 
 
+@dataclasses.dataclass(frozen=True)
+class Cast:
+    """Who plays what, and how actions are chosen."""
+
+    env: Environment
+    agent: Agent
+    choose: Choose
+
+
+def likeliest(output: Output, key: PRNGKeyArray) -> tuple[Action, tuple[()]]:
+    """Chooses the action that the agent finds best, and remembers nothing."""
+    del key
+    return output.policy.mode(), ()
+
+
 def start(
-    env: Environment,
-    agent: Agent,
-    bank: Bank,
-    share: Share,
-    key: Key[Array, ""],
-    per_stratum: int,
+    cast: Cast, bank: Bank, share: Share, key: Key[Array, ""], per_stratum: int
 ) -> World:
     """Returns worlds at the start of episodes, [strata, worlds of each, ...]."""
 
     def of_stratum(stratum: Stratum, key: PRNGKeyArray) -> World:
         keys = jax.random.split(key, per_stratum)
-        worlds = jax.vmap(begin, in_axes=(None, None, None, None, 0))
-        return worlds(env, agent, bank, stratum, keys)
+        return jax.vmap(begin, in_axes=(None, None, None, 0))(cast, bank, stratum, keys)
 
     worlds = jax.vmap(of_stratum)(share.stratum, share.keys(key))
     # What is the same in every world, such as that no episode is over, is so by chance:
     # chosen by what differs from device to device, it counts as each device's own.
-    return _where(share.number >= 0, worlds, worlds)
+    return pytrees.where(share.number >= 0, worlds, worlds)
 
 
 def drive(
-    env: Environment,
-    agent: Agent,
+    cast: Cast,
     params: Params,
-    choose: Choose,
     bank: Bank,
     share: Share,
     worlds: World,
@@ -85,10 +94,8 @@ def drive(
     """Plays some steps in all worlds of a device.
 
     Args:
-        env: the task.
-        agent: who acts.
-        params: its parameters.
-        choose: its actions.
+        cast: who plays.
+        params: of the agent.
         bank: the scenarios.
         share: the strata of the device.
         worlds: at the start, as `start` returns them.
@@ -105,30 +112,24 @@ def drive(
         lambda leaf: jnp.repeat(leaf, per_stratum, axis=0), share.stratum
     )
     flat, keys = strata.merge((worlds, keys))
-    flat, steps = unroll(
-        env, agent, params, choose, bank, spread, flat, keys, num_steps
-    )
+    flat, steps = unroll(cast, params, bank, spread, flat, keys, num_steps)
     by_stratum = functools.partial(strata.part, num_strata=num_strata)
     return by_stratum(flat), jax.vmap(by_stratum)(steps)
 
 
-def begin(
-    env: Environment, agent: Agent, bank: Bank, stratum: Stratum, key: PRNGKeyArray
-) -> World:
+def begin(cast: Cast, bank: Bank, stratum: Stratum, key: PRNGKeyArray) -> World:
     """Returns a world at the start of an episode in a random scenario of a stratum."""
-    state = rollout.begin(env, bank, stratum, key)
+    state = rollout.begin(cast.env, bank, stratum, key)
     return World(
         state=state,
-        memory=_memory(env, agent, len(state.admitted)),
+        memory=_memory(cast.env, cast.agent, len(state.admitted)),
         ended=jnp.bool_(False),
     )
 
 
 def unroll(
-    env: Environment,
-    agent: Agent,
+    cast: Cast,
     params: Params,
-    choose: Choose,
     bank: Bank,
     stratum: Stratum,
     worlds: World,
@@ -138,10 +139,8 @@ def unroll(
     """Plays some steps in many worlds; where an episode ends, another begins.
 
     Args:
-        env: the task.
-        agent: who acts.
-        params: its parameters.
-        choose: its actions.
+        cast: who plays.
+        params: of the agent.
         bank: the scenarios.
         stratum: of each world, those that it may play.
         worlds: at the start, with a leading axis.
@@ -151,43 +150,36 @@ def unroll(
     Returns:
         The worlds after the last step, and the steps, [steps, worlds, *actors, ...].
     """
-    play = jax.vmap(_play, in_axes=(None, None, None, None, None, 0, 0))
-    anew = jax.vmap(begin, in_axes=(None, None, None, 0, 0))
+    play = jax.vmap(_play, in_axes=(None, None, None, 0, 0))
+    anew = jax.vmap(begin, in_axes=(None, None, 0, 0))
 
     def step(worlds: World, number: Array) -> tuple[World, Step]:
         now = jax.vmap(jax.random.fold_in, in_axes=(0, None))(keys, number)
         own = jax.vmap(jax.random.split)(now)
-        following, steps = play(env, agent, params, choose, bank, worlds, own[:, 0])
+        following, steps = play(cast, params, bank, worlds, own[:, 0])
+
+        def restart() -> World:
+            fresh = anew(cast, bank, stratum, own[:, 1])
+            return pytrees.where(worlds.ended, fresh, following)
+
         # Whoever was shown how it ended begins anew; often that is nobody.
-        ended = worlds.ended
-        moved = jax.lax.cond(
-            jnp.any(ended),
-            lambda: _where(
-                ended, anew(env, agent, bank, stratum, own[:, 1]), following
-            ),
-            lambda: following,
-        )
-        return moved, steps
+        return jax.lax.cond(jnp.any(worlds.ended), restart, lambda: following), steps
 
     # What is needed to differentiate a step is computed again, not kept.
     return jax.lax.scan(jax.checkpoint(step), worlds, jnp.arange(num_steps))
 
 
 def _play(
-    env: Environment,
-    agent: Agent,
-    params: Params,
-    choose: Choose,
-    bank: Bank,
-    world: World,
-    key: PRNGKeyArray,
+    cast: Cast, params: Params, bank: Bank, world: World, key: PRNGKeyArray
 ) -> tuple[World, Step]:
     """Plays one step in one world."""
+    env, agent = cast.env, cast.agent
     observation = env.observe(bank, world.state)
     memory, output = _each(env, agent.step, (None, 0, 0))(
         params, world.memory, observation
     )
-    action, note = _each(env, choose, (0, 0))(output, _keys(env, world.state, key))
+    keys = _keys(env, world.state, key)
+    action, note = _each(env, cast.choose, (0, 0))(output, keys)
     act = (action,) if is_multi_agent(env) else action
     state, timestep = env.step(bank, world.state, act)
     mask = timestep.acted & ~world.ended
@@ -202,17 +194,9 @@ def _play(
         ended=ended,
         measures=_masked(timestep, mask),
     )
-    memory = _where(mask, memory, _memory(env, agent, len(state.admitted)))
+    fresh = _memory(env, agent, len(state.admitted))
+    memory = pytrees.where(mask, memory, fresh)
     return World(state=state, memory=memory, ended=ended), steps
-
-
-def look(
-    env: Environment, agent: Agent, params: Params, bank: Bank, world: World
-) -> tuple[Observation, Output]:
-    """Returns what the actors of a world see and make of it, acting aside."""
-    observation = env.observe(bank, world.state)
-    _, output = _each(env, agent.step, (None, 0, 0))(params, world.memory, observation)
-    return observation, output
 
 
 def greedy(agent: Agent, env: Environment) -> Callable[[PyTree, Array], Driver]:
@@ -236,12 +220,13 @@ def greedy(agent: Agent, env: Environment) -> Callable[[PyTree, Array], Driver]:
             if not is_multi_agent(env):
                 return memory, action
             here = state.controlled & state.motion.valid
-            return _where(here, memory, _memory(env, agent, len(here))), (action,)
+            fresh = _memory(env, agent, len(here))
+            return pytrees.where(here, memory, fresh), (action,)
 
         def reset(scene: Scene) -> Memory:
             memory = _memory(env, agent, len(scene.object_mask))
             # Chosen by the scene, so that it counts as the device's own, as in `act`.
-            return _where(scene.index >= 0, memory, memory)
+            return pytrees.where(scene.index >= 0, memory, memory)
 
         return Driver(reset, act)
 
@@ -299,14 +284,3 @@ def _masked(timestep: Timestep, mask: Bool[Array, "*actors"]) -> dict[str, Measu
         name: measure.replace(valid=measure.valid & mask)
         for name, measure in timestep.measures.items()
     }
-
-
-def _where(mask: Bool[Array, "*batch"], a: PyTree, b: PyTree) -> PyTree:
-    """Chooses along leading axes."""
-
-    def choose(one: Array, other: Array) -> Array:
-        return jnp.where(
-            mask.reshape(mask.shape + (1,) * (one.ndim - mask.ndim)), one, other
-        )
-
-    return jax.tree.map(choose, a, b)

@@ -9,13 +9,13 @@ from typing import Literal
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Key, PRNGKeyArray
+from jaxtyping import Array, Key
 
-from ..agents.base import Agent, Output, Params
-from ..sim.dynamics.base import Action, Continuous
+from ..agents.base import Agent, Params
+from ..sim.dynamics.base import Continuous
 from ..sim.env.base import Environment
 from . import acting, losses, optim, strata
-from .acting import World
+from .acting import Cast, World
 from .base import Bank, Learner, Metrics, TrainState
 
 
@@ -74,10 +74,7 @@ def analytic_policy_gradient(
             "apg needs continuous actions, such as dynamics=bicycle; these are numbered"
         )
     per_stratum = config.num_worlds // config.strata
-
-    def choose(output: Output, key: PRNGKeyArray) -> tuple[Action, tuple[()]]:
-        del key
-        return output.policy.mode(), ()
+    cast = Cast(env, agent, acting.likeliest)
 
     def loss(
         params: Params,
@@ -87,15 +84,7 @@ def analytic_policy_gradient(
         key: Key[Array, ""],
     ) -> tuple[Metrics, World]:
         worlds, steps = acting.drive(
-            env,
-            agent,
-            params,
-            choose,
-            bank,
-            share,
-            worlds,
-            key,
-            config.steps_per_update,
+            cast, params, bank, share, worlds, key, config.steps_per_update
         )
         mask = steps.mask.astype(jnp.float32)
         metrics = {"loss": losses.weighted(-steps.reward, mask)}
@@ -110,7 +99,7 @@ def analytic_policy_gradient(
             opt_state=optimizer.transformation.init(params),
             step=jnp.zeros((), jnp.int32),
             key=key,
-            worlds=acting.start(env, agent, bank, share, worlds_key, per_stratum),
+            worlds=acting.start(cast, bank, share, worlds_key, per_stratum),
         )
 
     def act(

@@ -11,11 +11,12 @@ from ..agents.base import Agent, Memory, Params
 from ..sim.observations.base import Observation
 from ..sim.records import Record
 from . import normalizer as normalizers, returns, sequences
+from .acting import Cast
 from .base import Bank, Mean
 from .normalizer import Normalizer
 from .returns import Course, Worth
 from .sequences import Sequence
-from .stage import Cast, Played
+from .stage import Played
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)

@@ -17,8 +17,8 @@ from ..sim.dynamics.base import Action, Discrete
 from ..sim.env.base import Environment
 from ..sim.env.demonstrations import Demonstration, Sample
 from ..sim.records import Record
-from . import bc, experience, optim, q_learning, strata
-from .acting import Choose
+from . import acting, bc, experience, optim, q_learning, strata
+from .acting import Cast, Choose
 from .base import Bank, Learner, Mean, Metrics, TrainState, one
 from .experience import ExperienceConfig
 from .replay import prioritized
@@ -140,12 +140,13 @@ def double_dqn(
             actors, or the agent remembers.
     """
     _check(agent, env)
-    collector = experience.collector(env, agent, config)
+    num_actions = env.action_spec.num_actions
 
     def init(key: Key[Array, ""], bank: Bank, axis_name: str) -> TrainState:
         key, params_key, worlds_key = jax.random.split(key, 3)
         params = agent.init(params_key)
         share = strata.share(config.strata, axis_name)
+        cast = Cast(env, agent, acting.likeliest)
         zero = jnp.zeros((), jnp.int32)
         return TrainState(
             params=params,
@@ -155,7 +156,7 @@ def double_dqn(
             kept=Kept(
                 target=params, num_gradient_steps=zero, num_env_steps=zero, owed=zero
             ),
-            worlds=collector.begin(params, bank, share, worlds_key),
+            worlds=experience.begin(cast, config, params, bank, share, worlds_key),
         )
 
     def act(
@@ -163,9 +164,10 @@ def double_dqn(
     ) -> tuple[TrainState, tuple[Int[Array, ""], Metrics]]:
         key, act_key = jax.random.split(train_state.key)
         epsilon = _epsilon(config, train_state.kept.num_env_steps)
-        worlds, added, metrics = collector.act(
+        worlds, added, metrics = experience.act(
+            Cast(env, agent, _explore(epsilon, num_actions)),
+            config,
             train_state.params,
-            _explore(epsilon, env.action_spec.num_actions),
             bank,
             strata.share(config.strata, axis_name),
             train_state.worlds,

@@ -2,8 +2,9 @@
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Array, Bool, Float, Int
 
+from ..sim import pytrees
 from ..sim.metrics.aggregate import FLAGS
 from ..sim.metrics.base import Measure
 from ..sim.records import Record
@@ -72,7 +73,8 @@ def _track_one(episodes: Episodes, steps: _Seen) -> tuple[Episodes, Metrics]:
     def add(episodes: Episodes, step: _Seen) -> tuple[Episodes, Metrics]:
         episodes = _add(episodes, step)
         fresh = jax.tree.map(jnp.zeros_like, episodes)
-        return _choose(step.ended, fresh, episodes), _figures(episodes, step.ended)
+        going_on = pytrees.where(step.ended, fresh, episodes)
+        return going_on, _figures(episodes, step.ended)
 
     episodes, means = jax.lax.scan(add, episodes, steps)
     return episodes, jax.tree.map(jnp.sum, means)
@@ -114,7 +116,3 @@ def _mean(values: Array, counts: Bool[Array, "*actors"]) -> Mean:
 
 def _flags(step: Step) -> dict[str, Measure]:
     return {name: step.measures[name] for name in FLAGS if name in step.measures}
-
-
-def _choose(mask: Bool[Array, ""], a: PyTree, b: PyTree) -> PyTree:
-    return jax.tree.map(lambda one, other: jnp.where(mask, one, other), a, b)

@@ -2,23 +2,19 @@
 
 import dataclasses
 import functools
-from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int, Key, PyTree
 
-from ..agents.base import Agent, Output, Params
-from ..sim.dynamics.base import Action
-from ..sim.env.base import Environment
-from ..sim.observations.base import Observation
+from ..agents.base import Params
 from ..sim.records import Record
-from . import acting, episodes, strata
-from .acting import Choose, Step, World
+from . import stage as stages, strata
+from .acting import Cast
 from .base import Bank, Metrics
-from .episodes import Episodes
 from .replay import prioritized
 from .replay.prioritized import Replay, ReplayConfig
+from .stage import Stage
 from .strata import Share
 from .transitions import Transition, transitions
 
@@ -70,104 +66,76 @@ class ExperienceConfig:
 class Experience(Record):
     """Worlds and what is kept of them, all with a leading axis of strata."""
 
-    worlds: World  # of a stratum several
-    episodes: Episodes  # of each world
+    stage: Stage  # of a stratum several worlds
     replay: Replay  # of a stratum one
 
 
-@dataclasses.dataclass(frozen=True)
-class Collector:
-    """A pair of functions of the share of a device.
+def begin(
+    cast: Cast,
+    config: ExperienceConfig,
+    params: Params,
+    bank: Bank,
+    share: Share,
+    key: Key[Array, ""],
+) -> Experience:
+    """Starts the worlds of a device, with nothing kept.
 
-    `begin(params, bank, share, key)` starts its worlds, with nothing kept.
-    `act(params, choose, bank, share, experience, key)` plays them on and adds their
-    transitions; it returns how many, and the metrics of the episodes that ended
-    (`episodes.track`), both of this device.
+    Args:
+        cast: who plays, one actor a world.
+        config: how many worlds there are, and how much is kept.
+        params: of the agent.
+        bank: the scenarios.
+        share: the strata of the device.
+        key: of what is random, the same on all devices.
     """
+    per_stratum = config.num_worlds // config.strata
+    stage = stages.begin(cast, params, bank, share, key, per_stratum)
+    like = stages.step_of(cast, params, bank, share, key, stage.world)
+    item = Transition(
+        observation_t=like.observation,
+        action_t=like.action,
+        return_t=like.reward,
+        discount_tpn=like.discount,
+        observation_tpn=like.observation,
+    )
+    replay = prioritized.make(item, config.replay.capacity // config.strata)
+    return Experience(stage=stage, replay=strata.spread(replay, len(share.number)))
 
-    begin: Callable[[Params, Bank, Share, Key[Array, ""]], Experience]
-    act: Callable[
-        [Params, Choose, Bank, Share, Experience, Key[Array, ""]],
-        tuple[Experience, Int[Array, ""], Metrics],
-    ]
 
-
-def collector(env: Environment, agent: Agent, config: ExperienceConfig) -> Collector:
-    """Builds the collector of experience of one actor a world.
+def act(
+    cast: Cast,
+    config: ExperienceConfig,
+    params: Params,
+    bank: Bank,
+    share: Share,
+    experience: Experience,
+    key: Key[Array, ""],
+) -> tuple[Experience, Int[Array, ""], Metrics]:
+    """Plays the worlds of a device on and adds their transitions.
 
     Observations are kept as they were seen, in their own precision. Steps that are no
     transitions, such as the one that shows how an episode ended, are not kept.
+
+    Returns:
+        What there is now, how many transitions were added, and the metrics of the
+        episodes that ended (`episodes.track`), both of this device.
     """
-    per_stratum = config.num_worlds // config.strata
-
-    def begin(
-        params: Params, bank: Bank, share: Share, key: Key[Array, ""]
-    ) -> Experience:
-        worlds = acting.start(env, agent, bank, share, key, per_stratum)
-
-        def step() -> Step:
-            drive = functools.partial(acting.drive, num_steps=1)
-            _, steps = drive(env, agent, params, _mode, bank, share, worlds, key)
-            return jax.tree.map(lambda leaf: leaf[0, 0, 0], steps)
-
-        like = jax.eval_shape(step)
-        item = Transition(
-            observation_t=like.observation,
-            action_t=like.action,
-            return_t=like.reward,
-            discount_tpn=like.discount,
-            observation_tpn=like.observation,
-        )
-        replay = prioritized.make(item, config.replay.capacity // config.strata)
-        num_strata = len(share.number)
-        return Experience(
-            worlds=worlds,
-            episodes=_copies(episodes.begin(like), num_strata, per_stratum),
-            replay=_copies(replay, num_strata),
-        )
-
-    def act(
-        params: Params,
-        choose: Choose,
-        bank: Bank,
-        share: Share,
-        experience: Experience,
-        key: Key[Array, ""],
-    ) -> tuple[Experience, Int[Array, ""], Metrics]:
-        drive = functools.partial(acting.drive, num_steps=config.steps_per_update)
-        worlds, steps = drive(
-            env, agent, params, choose, bank, share, experience.worlds, key
-        )
-        running, metrics = jax.vmap(episodes.track, (0, 1))(experience.episodes, steps)
-        observe = functools.partial(env.observe, bank)
-        last = jax.vmap(jax.vmap(observe))(worlds.state)
-
-        def add(replay: Replay, steps: Step, last: Observation) -> tuple[Replay, Array]:
-            cut = functools.partial(
-                transitions, num_steps=config.n_step, discount=config.discount
-            )
-            # Of the same step, those of all worlds are of the same age.
-            of_worlds = jax.vmap(cut, in_axes=(1, 0), out_axes=1)(steps, last)
-            items, valid = strata.merge(of_worlds)
-            return prioritized.add(replay, items, valid), jnp.sum(valid)
-
-        replay, added = jax.vmap(add, (0, 1, 0))(experience.replay, steps, last)
-        played = Experience(worlds=worlds, episodes=running, replay=replay)
-        return played, jnp.sum(added), jax.tree.map(jnp.sum, metrics)
-
-    return Collector(begin=begin, act=act)
-
-
-def _mode(output: Output, key: Key[Array, ""]) -> tuple[Action, tuple]:
-    del key
-    return output.policy.mode(), ()
-
-
-def _copies(tree: PyTree[Array], *shape: int) -> PyTree[Array]:
-    """Returns the same arrays many times over, along new leading axes."""
-    return jax.tree.map(
-        lambda leaf: jnp.broadcast_to(
-            jnp.expand_dims(leaf, range(len(shape))), (*shape, *leaf.shape)
-        ),
-        tree,
+    stage, played, metrics = stages.play(
+        cast, params, bank, share, key, experience.stage, config.steps_per_update
     )
+    cut = functools.partial(
+        transitions, num_steps=config.n_step, discount=config.discount
+    )
+    last = jax.vmap(cast.env.observe, in_axes=(None, 0))(bank, played.after.state)
+    # Of the same step, those of all worlds are of the same age.
+    found = jax.vmap(cut, in_axes=(1, 0), out_axes=1)(played.steps, last)
+    by_stratum = functools.partial(strata.part, num_strata=len(share.number))
+
+    def add(replay: Replay, found: PyTree) -> tuple[Replay, Int[Array, ""]]:
+        items, valid = strata.merge(found)
+        return prioritized.add(replay, items, valid), jnp.sum(valid)
+
+    replay, added = jax.vmap(add, (0, 1))(
+        experience.replay, jax.vmap(by_stratum)(found)
+    )
+    return Experience(stage=stage, replay=replay), jnp.sum(added), metrics

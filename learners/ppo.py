@@ -22,13 +22,13 @@ from . import (
     stage as stages,
     strata,
 )
+from .acting import Cast
 from .appraisal import AppraisalConfig, Study
 from .base import Bank, Learner, Mean, Metrics, TrainState
 from .normalizer import Normalizer
 from .pasts import Pasts
 from .rehearsal import Lesson, Pupil, RehearsalConfig
 from .returns import Worth
-from .stage import Cast
 
 # The task, some of whose sim agents may act by parameters that the agent once had.
 EnvironmentOf = Callable[[Params], Environment]

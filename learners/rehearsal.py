@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, Key
 
 from ..agents.base import Agent, Output, Params
+from ..sim import pytrees
 from ..sim.env.demonstrations import Demonstration, Sample
 from ..sim.records import Record
 from . import bc, losses, minibatches, normalizer, optim, sequences, strata, surrogate
@@ -148,16 +149,7 @@ def _unless_far(
         name: jax.tree.map(lambda leaf: jnp.where(goes_on, leaf, 0.0), metric)
         for name, metric in metrics.items()
     }
-    parts = [
-        jax.tree.map(lambda new, old: jnp.where(taken, new, old), *both)
-        for both in (
-            (moved.params, before.params),
-            (moved.opt_state, before.opt_state),
-            (moved.step, before.step),
-        )
-    ]
-    params, opt_state, step = parts
-    after = before.replace(params=params, opt_state=opt_state, step=step)
+    after = pytrees.where(taken, moved, before)
     return (after, taken), counted | {"skipped": one(~taken)}
 
 

@@ -9,6 +9,7 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray, PyTree
 from ..agents.base import Agent, Memory, Output, Params
 from ..agents.distributions import ActionValues, Distribution
 from ..agents.plan import Planned
+from ..sim import pytrees
 from ..sim.dynamics.base import Action
 from ..sim.observations.base import Observation
 from ..sim.records import Record
@@ -82,9 +83,7 @@ def recall(
     def look(memory: Memory, seen: tuple[Observation, Array]) -> tuple[Memory, Output]:
         observation, mask = seen
         memory, output = agent.step(params, memory, observation)
-        fresh = agent.memory()
-        kept = jax.tree.map(lambda a, b: jnp.where(mask, a, b), memory, fresh)
-        return kept, output
+        return pytrees.where(mask, memory, agent.memory()), output
 
     def log_prob(output: Output, action: Action) -> Array:
         return distribution(output).log_prob(action)

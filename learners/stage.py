@@ -1,16 +1,13 @@
 """Keeps the worlds in which a learner acts, and plays on in them."""
 
-import dataclasses
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Key
 
-from ..agents.base import Agent, Params
-from ..sim.env.base import Environment
+from ..agents.base import Params
 from ..sim.records import Record
 from . import acting, episodes, strata
-from .acting import Choose, Step, World
+from .acting import Cast, Step, World
 from .base import Bank, Mean, Metrics
 from .episodes import Episodes
 from .strata import Share
@@ -31,15 +28,6 @@ class Played(Record):
     after: World
 
 
-@dataclasses.dataclass(frozen=True)
-class Cast:
-    """Who plays, and what."""
-
-    env: Environment
-    agent: Agent
-    choose: Choose
-
-
 def begin(
     cast: Cast,
     params: Params,
@@ -49,18 +37,26 @@ def begin(
     per_stratum: int,
 ) -> Stage:
     """Returns worlds at the start of episodes, so many a stratum."""
-    world = acting.start(cast.env, cast.agent, bank, share, key, per_stratum)
+    world = acting.start(cast, bank, share, key, per_stratum)
+    episode = episodes.begin(step_of(cast, params, bank, share, key, world))
+    return Stage(world=world, episode=strata.spread(episode, *world.ended.shape))
 
-    def first_step() -> Step:
-        _, steps = _drive(cast, params, bank, share, key, world, 1)
+
+def step_of(
+    cast: Cast,
+    params: Params,
+    bank: Bank,
+    share: Share,
+    key: Key[Array, ""],
+    world: World,
+) -> Step:
+    """Returns the shapes of a step of one world."""
+
+    def first() -> Step:
+        _, steps = acting.drive(cast, params, bank, share, world, key, 1)
         return jax.tree.map(lambda leaf: leaf[0, 0, 0], steps)
 
-    episode = episodes.begin(jax.eval_shape(first_step))
-
-    def spread(leaf: Array) -> Array:
-        return jnp.broadcast_to(leaf, (*world.ended.shape, *leaf.shape))
-
-    return Stage(world=world, episode=jax.tree.map(spread, episode))
+    return jax.eval_shape(first)
 
 
 def play(
@@ -78,7 +74,7 @@ def play(
         The stage after them, the steps, and how the episodes that ended went, on this
         device (`episodes.track`).
     """
-    world, steps = _drive(cast, params, bank, share, key, stage.world, num_steps)
+    world, steps = acting.drive(cast, params, bank, share, stage.world, key, num_steps)
     steps = jax.vmap(strata.merge)(steps)
     episode, metrics = episodes.track(strata.merge(stage.episode), steps)
     played = Played(
@@ -104,25 +100,3 @@ def counts(played: Played, axis_name: str) -> Metrics:
         name: Mean(total=count.astype(jnp.float32), weight=weight)
         for name, count in found.items()
     }
-
-
-def _drive(
-    cast: Cast,
-    params: Params,
-    bank: Bank,
-    share: Share,
-    key: Key[Array, ""],
-    world: World,
-    num_steps: int,
-) -> tuple[World, Step]:
-    return acting.drive(
-        cast.env,
-        cast.agent,
-        params,
-        cast.choose,
-        bank,
-        share,
-        world,
-        key,
-        num_steps,
-    )

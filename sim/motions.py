@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
+from . import pytrees
 from .motion import Motion
 
 
@@ -14,11 +15,7 @@ def object_of(motion: Motion, number: int) -> Motion:
 
 def where(mask: Bool[Array, " objects"], chosen: Motion, other: Motion) -> Motion:
     """Chooses between two motions, object by object."""
-    return jax.tree.map(
-        lambda a, b: jnp.where(mask.reshape(-1, *[1] * (a.ndim - 1)), a, b),
-        chosen,
-        other,
-    )
+    return pytrees.where(mask, chosen, other)
 
 
 def only(mask: Bool[Array, " objects"], motion: Motion) -> Motion:

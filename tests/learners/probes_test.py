@@ -27,18 +27,11 @@ def played(probe: probes.Probe) -> Step:
     bank = jax.tree.map(lambda leaf: leaf[0], probes.bank(1))
     strata = Stratum(first=jnp.zeros(NUM_WORLDS, jnp.int32), stride=1)
     keys = jax.random.split(jax.random.key(1), NUM_WORLDS)
-    begin = jax.vmap(functools.partial(acting.begin, env, agent, bank))
+    cast = acting.Cast(env, agent, lambda output, key: (output.policy.sample(key), ()))
+    begin = jax.vmap(functools.partial(acting.begin, cast, bank))
     params = agent.init(jax.random.key(2))
     _, steps = acting.unroll(
-        env,
-        agent,
-        params,
-        lambda output, key: (output.policy.sample(key), ()),
-        bank,
-        strata,
-        begin(strata, keys),
-        keys,
-        NUM_STEPS,
+        cast, params, bank, strata, begin(strata, keys), keys, NUM_STEPS
     )
     return steps
 

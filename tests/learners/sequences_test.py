@@ -28,13 +28,12 @@ def played(several: bool) -> Played:
     bank = jax.tree.map(lambda leaf: leaf[0], probes.bank(1))
     stratum = Stratum(first=jnp.zeros(NUM_WORLDS, jnp.int32), stride=1)
     keys = jax.random.split(jax.random.key(2), NUM_WORLDS)
-    begin = jax.vmap(functools.partial(acting.begin, env, AGENT, bank))
+    cast = acting.Cast(env, AGENT, sequences.explore)
+    begin = jax.vmap(functools.partial(acting.begin, cast, bank))
 
     @functools.partial(jax.jit, static_argnums=2)
     def unroll(worlds, keys, num_steps):
-        choose = sequences.explore
-        play = functools.partial(acting.unroll, env, AGENT, PARAMS, choose, bank)
-        return play(stratum, worlds, keys, num_steps)
+        return acting.unroll(cast, PARAMS, bank, stratum, worlds, keys, num_steps)
 
     before, _ = unroll(begin(stratum, keys), keys, 2)
     after, steps = unroll(before, jax.vmap(jax.random.fold_in)(keys, jnp.arange(4)), 11)
