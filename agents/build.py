@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Float, Key
 
+from ..sim import ranges
 from ..sim.dynamics.base import ActionSpec, Discrete
 from ..sim.observations.base import Observation
 from . import plan
@@ -54,16 +55,9 @@ class AgentConfig:
         Raises:
             ValueError: if a size is too small, or a plan exceeds the forecast.
         """
-        for name, least in (
-            ("hidden_width", 1),
-            ("num_hidden_layers", 0),
-            ("memory_width", 0),
-            ("num_components", 1),
-        ):
-            if getattr(self, name) < least:
-                raise ValueError(
-                    f"{name} must be at least {least}, got {getattr(self, name)}."
-                )
+        ranges.require_at_least(
+            self, hidden_width=1, num_hidden_layers=0, memory_width=0, num_components=1
+        )
         for name in ("num_steps", "num_modes"):
             planned = getattr(self.planner, name)
             forecast = getattr(self.trajectory, name)

@@ -5,6 +5,7 @@ import dataclasses
 import jax.numpy as jnp
 from flax import nnx
 
+from ..sim import ranges
 from ..sim.observations.base import Observation
 from . import modes, plan
 from .base import Output
@@ -29,16 +30,9 @@ class PlannerConfig:
         Raises:
             ValueError: if a count is too small or the threshold is negative.
         """
-        for name, least in (
-            ("num_steps", 1),
-            ("num_modes", 1),
-            ("threshold", 0),
-            ("num_refinements", 0),
-        ):
-            if not getattr(self, name) >= least:
-                raise ValueError(
-                    f"{name} must be at least {least}, got {getattr(self, name)}."
-                )
+        ranges.require_at_least(
+            self, num_steps=1, num_modes=1, threshold=0, num_refinements=0
+        )
 
 
 class Planner(nnx.Module):

@@ -16,6 +16,7 @@ from ..learners.forecasting import ForecastConfig
 from ..learners.opponents import OpponentsConfig
 from ..learners.ppo import EnvironmentOf
 from ..learners.seeds import side_by_side
+from ..sim import ranges
 from ..sim.data import loader
 from ..sim.data.bank import Bank
 from ..sim.data.loader import Split
@@ -66,11 +67,9 @@ class Experiment:
             ValueError: if a count is below 1, calls do not add up to checkpoints and
                 these to the run, or the seed does not fit.
         """
-        for name in ("updates_per_call", "updates_per_checkpoint", "updates", "seeds"):
-            if getattr(self, name) < 1:
-                raise ValueError(
-                    f"{name} must be at least 1, got {getattr(self, name)}."
-                )
+        ranges.require_at_least(
+            self, updates_per_call=1, updates_per_checkpoint=1, updates=1, seeds=1
+        )
         for whole, part in (
             ("updates", "updates_per_call"),
             ("updates_per_checkpoint", "updates_per_call"),

@@ -10,6 +10,7 @@ from jax.sharding import Mesh
 from ..agents.base import Agent, Params
 from ..learners import acting, mesh as meshes
 from ..learners.evaluator import compile_evaluator, figures_of
+from ..sim import ranges
 from ..sim.data.loader import Source, Split
 from ..sim.data.query import EVERYTHING, Query
 from ..sim.env.base import Environment
@@ -34,8 +35,7 @@ class MonitorConfig:
         Raises:
             ValueError: if evaluations would never come.
         """
-        if self.every < 1:
-            raise ValueError(f"every must be at least 1, got {self.every}.")
+        ranges.require_at_least(self, every=1)
 
     @property
     def source(self) -> Source:

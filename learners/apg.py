@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Key
 
 from ..agents.base import Agent, Params
+from ..sim import ranges
 from ..sim.dynamics.base import Continuous
 from ..sim.env.base import Environment
 from . import acting, losses, optim, strata
@@ -36,10 +37,7 @@ class AnalyticConfig(optim.OptimizerConfig):
         """
         super().__post_init__()
         strata.check(self.strata, num_worlds=self.num_worlds)
-        if self.steps_per_update < 1:
-            raise ValueError(
-                f"steps_per_update must be at least 1, got {self.steps_per_update}."
-            )
+        ranges.require_at_least(self, steps_per_update=1)
 
     @property
     def num_steps(self) -> int:

@@ -13,6 +13,7 @@ import optax
 from jaxtyping import Array, Float, Int, Key, PyTree
 
 from ..agents.base import Agent, Output, Params
+from ..sim import ranges
 from ..sim.dynamics.base import Action, Discrete
 from ..sim.env.base import Environment
 from ..sim.env.demonstrations import Demonstration, Sample
@@ -58,11 +59,9 @@ class DQNConfig(optim.OptimizerConfig, ExperienceConfig):
         optim.OptimizerConfig.__post_init__(self)
         ExperienceConfig.__post_init__(self)
         strata.check(self.strata, batch_size=self.batch_size)
-        for name in ("target_period", "exploration_steps", "total_steps"):
-            if getattr(self, name) < 1:
-                raise ValueError(
-                    f"{name} must be at least 1, got {getattr(self, name)}."
-                )
+        ranges.require_at_least(
+            self, target_period=1, exploration_steps=1, total_steps=1
+        )
         if not 0 <= self.final_epsilon <= self.initial_epsilon <= 1:
             raise ValueError(
                 f"final_epsilon and initial_epsilon must be from 0 to 1 in this order, "

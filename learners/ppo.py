@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int, Key
 
 from ..agents.base import Agent, Params
+from ..sim import ranges
 from ..sim.env.base import Environment
 from ..sim.env.demonstrations import Sample
 from ..sim.records import Record
@@ -59,15 +60,7 @@ class PPOConfig(optim.OptimizerConfig, AppraisalConfig, RehearsalConfig):
         strata.check(self.strata, num_worlds=self.num_worlds)
         if self.imitation_weight:
             strata.check(self.strata, imitation_batch_size=self.imitation_batch_size)
-        for name, least in (
-            ("steps_per_update", 1),
-            ("past_every", 1),
-            ("num_pasts", 0),
-        ):
-            if getattr(self, name) < least:
-                raise ValueError(
-                    f"{name} must be at least {least}, got {getattr(self, name)}."
-                )
+        ranges.require_at_least(self, steps_per_update=1, past_every=1, num_pasts=0)
 
     @property
     def num_steps(self) -> int:

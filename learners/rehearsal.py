@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, Key
 
 from ..agents.base import Agent, Output, Params
-from ..sim import pytrees
+from ..sim import pytrees, ranges
 from ..sim.env.demonstrations import Demonstration, Sample
 from ..sim.records import Record
 from . import bc, losses, minibatches, normalizer, optim, sequences, strata, surrogate
@@ -40,11 +40,7 @@ class RehearsalConfig:
         Raises:
             ValueError: if a count, weight or limit is out of range.
         """
-        for name in ("epochs", "minibatches", "imitation_batch_size"):
-            if getattr(self, name) < 1:
-                raise ValueError(
-                    f"{name} must be at least 1, got {getattr(self, name)}."
-                )
+        ranges.require_at_least(self, epochs=1, minibatches=1, imitation_batch_size=1)
         for name in ("value_weight", "entropy_weight", "imitation_weight"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise ValueError(

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Bool, Float
 
-from ...sim import names
+from ...sim import names, ranges
 from ...sim.observations.base import Observation
 from .attention import AttentionBlock
 from .fusion import FUSIONS, check_steps, side_by_side, split_depth
@@ -46,13 +46,8 @@ class WayformerConfig:
         ):
             if getattr(self, field) not in known:
                 raise names.unknown(field, getattr(self, field), known)
-        for field in ("width", "num_heads", "num_layers", "mlp_ratio"):
-            if getattr(self, field) < 1:
-                raise ValueError(
-                    f"{field} must be at least 1, got {getattr(self, field)}."
-                )
-        if self.num_latents < 0:
-            raise ValueError(f"num_latents must be at least 0, got {self.num_latents}.")
+        ranges.require_at_least(self, width=1, num_heads=1, num_layers=1, mlp_ratio=1)
+        ranges.require_at_least(self, num_latents=0)
         if self.width % self.num_heads:
             raise ValueError(
                 f"num_heads must divide width, got {self.num_heads} heads for a width "

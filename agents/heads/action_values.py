@@ -3,7 +3,7 @@
 from flax import nnx
 from jaxtyping import Array, Float
 
-from .value import LAST_KERNEL
+from .initial import LAST_KERNEL
 
 
 class ActionValueHead(nnx.Module):

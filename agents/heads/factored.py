@@ -4,7 +4,7 @@ from flax import nnx
 from jaxtyping import Array, Float
 
 from ..factored import FactoredCategorical
-from .policy import LAST_KERNEL
+from .initial import LAST_KERNEL
 
 
 class FactoredCategoricalHead(nnx.Module):

@@ -6,9 +6,8 @@ from jaxtyping import Array, Float
 
 from ...sim.dynamics.base import ActionSpec, Continuous, Discrete
 from ..distributions import Categorical, TanhMixture
+from .initial import LAST_KERNEL
 
-# Small last weights: at first the policy hardly depends on the observation.
-LAST_KERNEL = nnx.initializers.variance_scaling(0.01, "fan_in", "normal")
 # Before squashing, where the range is about 2: without a floor the density of an action
 # repeated exactly (a parked car) grows without end.
 MIN_SCALE = 0.01

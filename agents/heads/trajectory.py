@@ -7,13 +7,14 @@ import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Bool, Float
 
+from ...sim import ranges
 from ..encoders.attention import AttentionBlock
 from ..trajectories import Trajectories
+from .initial import LAST_KERNEL
 
 # A standard deviation [m, rad] below which no step is held to be known: without a floor
 # the density of a car that stays parked grows without end.
 MIN_SCALE = 0.05
-LAST_KERNEL = nnx.initializers.variance_scaling(0.01, "fan_in", "normal")
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -32,9 +33,7 @@ class TrajectoryConfig:
         Raises:
             ValueError: if a size is below 1.
         """
-        for name, value in dataclasses.asdict(self).items():
-            if value < 1:
-                raise ValueError(f"{name} must be at least 1, got {value}.")
+        ranges.require_at_least(self, **dict.fromkeys(dataclasses.asdict(self), 1))
 
 
 class TrajectoryHead(nnx.Module):

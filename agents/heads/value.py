@@ -3,9 +3,7 @@
 from flax import nnx
 from jaxtyping import Array, Float
 
-# Small last weights: at first values hardly depend on the observation, so that early
-# errors of returns are theirs and not the network's.
-LAST_KERNEL = nnx.initializers.variance_scaling(0.01, "fan_in", "normal")
+from .initial import LAST_KERNEL
 
 
 class ValueHead(nnx.Module):

@@ -14,6 +14,7 @@ import grain
 import jax
 import numpy as np
 
+from .. import ranges
 from . import pages, store
 from .bank import Bank
 from .loader import Source, SourceError, wanted_numbers
@@ -34,11 +35,7 @@ class StreamConfig:
         Raises:
             ValueError: if a count is below 1, or pages would be empty.
         """
-        for name in ("pages", "updates_per_page"):
-            if getattr(self, name) < 1:
-                raise ValueError(
-                    f"{name} must be at least 1, got {getattr(self, name)}."
-                )
+        ranges.require_at_least(self, pages=1, updates_per_page=1)
         if self.resident is not None and self.resident < self.pages:
             raise ValueError(
                 f"resident must be at least the {self.pages} pages, got "

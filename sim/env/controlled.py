@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int
 
-from .. import geometry
+from .. import geometry, ranges
 from ..metrics.build import EGO
 from ..scenario import ObjectType
 from ..scene import Scene
@@ -60,11 +60,7 @@ class MovingConfig:
         Raises:
             ValueError: if a threshold is negative, or nobody would be controlled.
         """
-        for name, least in (("min_speed", 0), ("min_distance", 0), ("max_objects", 1)):
-            if not getattr(self, name) >= least:
-                raise ValueError(
-                    f"{name} must be at least {least}, got {getattr(self, name)}."
-                )
+        ranges.require_at_least(self, min_speed=0, min_distance=0, max_objects=1)
 
 
 def moving_vehicles(config: MovingConfig = MovingConfig()) -> Controls:

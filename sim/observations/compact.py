@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .. import geometry, map_search
+from .. import geometry, map_search, ranges
 from ..data import packed, tiles
 from ..data.bank import Bank
 from ..motion import Motion
@@ -43,11 +43,7 @@ class CompactConfig:
         Raises:
             ValueError: if a count is below 1 or the radius is no positive length.
         """
-        for name in ("num_objects", "num_road"):
-            if getattr(self, name) < 1:
-                raise ValueError(
-                    f"{name} must be at least 1, got {getattr(self, name)}."
-                )
+        ranges.require_at_least(self, num_objects=1, num_road=1)
         if not 0 < self.radius < math.inf:
             raise ValueError(f"radius must be a positive length, got {self.radius}.")
 

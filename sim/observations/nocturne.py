@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from .. import geometry
+from .. import geometry, ranges
 from ..box_search import Boxes
 from ..dynamics.speed import signed_speed
 from ..motion import Motion
@@ -81,17 +81,9 @@ class NocturneConfig:
             ValueError: if a count is too small, the cone is empty or wider than a turn,
                 or features of the ego are asked for that are not known.
         """
-        for name, least in (
-            ("num_objects", 1),
-            ("num_road", 1),
-            ("num_lights", 0),
-            ("num_stop_signs", 1),
-            ("history", 0),
-        ):
-            if getattr(self, name) < least:
-                raise ValueError(
-                    f"{name} must be at least {least}, got {getattr(self, name)}."
-                )
+        ranges.require_at_least(
+            self, num_objects=1, num_road=1, num_lights=0, num_stop_signs=1, history=0
+        )
         if not 0 < self.view_angle <= 2 * math.pi:
             raise ValueError(
                 f"view_angle must be above 0 and at most 2 pi, got {self.view_angle}."

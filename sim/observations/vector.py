@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
-from .. import geometry
+from .. import geometry, ranges
 from ..map_search import FAR
 from ..metrics import route
 from ..metrics.build import EGO
@@ -67,17 +67,9 @@ class VectorConfig:
         Raises:
             ValueError: if a count is negative or a length is not positive.
         """
-        for name, least in (
-            ("history", 0),
-            ("num_objects", 1),
-            ("num_road", 1),
-            ("num_lights", 0),
-            ("num_route", 0),
-        ):
-            if getattr(self, name) < least:
-                raise ValueError(
-                    f"{name} must be at least {least}, got {getattr(self, name)}."
-                )
+        ranges.require_at_least(
+            self, history=0, num_objects=1, num_road=1, num_lights=0, num_route=0
+        )
         for name in ("route_spacing", "radius"):
             if not 0 < getattr(self, name) < math.inf:
                 raise ValueError(
