@@ -5,7 +5,6 @@ import pathlib
 
 import numpy as np
 import pytest
-from orbax.checkpoint import v1 as orbax
 
 from drivetrain.launch import logbook
 
@@ -22,15 +21,6 @@ updates: 4
 updates_per_call: 2
 updates_per_checkpoint: 2
 """
-
-
-ROUNDING = 1e-5  # relative, of float32 means
-
-
-def params_of(run: pathlib.Path, step: int) -> dict[str, np.ndarray]:
-    """Returns the parameters in a checkpoint of a run."""
-    found = orbax.load(str((run / "checkpoints" / str(step)).absolute()))
-    return {n: np.asarray(leaf) for n, leaf in found.items() if n.startswith(".params")}
 
 
 def scenario_file(path: pathlib.Path) -> pathlib.Path:
@@ -172,71 +162,6 @@ def test_a_run_on_a_stream_that_was_cut_equals_one_that_was_not(
     assert hashes[0] == hashes[1]
     lines = (tmp_path / "whole" / "metrics.jsonl").read_text().splitlines()
     assert all("page_stall_ms" in json.loads(line) for line in lines)
-
-
-def test_seeds_are_trained_side_by_side_and_evaluated_each(
-    drivetrain, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture
-) -> None:
-    (tmp_path / "tiny.yaml").write_text(TINY)
-    watched = "monitor={data: synthetic:0:2, every: 4}"
-    assert drivetrain("train", "tiny.yaml", "seeds=2", watched, "--out", "two") == 0
-    *_, last = logbook.read(tmp_path / "two")
-    both = [last["seed0/loss"], last["seed1/loss"]]
-    assert both[0] != both[1]
-    np.testing.assert_allclose(last["loss"], np.mean(both), rtol=ROUNDING)
-    assert last["seed1/evaluation/log_ade_m"] > 0
-
-    few = ("--data", "synthetic:0:2", "--max-objects", "12")
-    assert drivetrain("evaluate", "two", *few, "--json", "two.json") == 0
-    rows = json.loads((tmp_path / "two.json").read_text())
-    assert [row.get("seeds") for row in rows] == [None, None, 2]
-    mean = np.mean([row["log_ade_m"] for row in rows[:2]])
-    np.testing.assert_allclose(rows[2]["log_ade_m"], mean, rtol=ROUNDING)
-    # What training saw of a seed is what evaluation finds.
-    assert last["seed1/evaluation/log_ade_m"] == pytest.approx(rows[1]["log_ade_m"])
-    capsys.readouterr()
-    assert drivetrain("evaluate", "two", *few, "--dump", "d") == 2
-    assert "choose one with --run-seed" in capsys.readouterr().err
-    assert drivetrain("evaluate", "two", *few, "--run-seed", "2") == 2
-    assert "has the seeds 0 to 1, got 2" in capsys.readouterr().err
-
-
-def test_frozen_parts_of_another_run_stay_as_they_were(
-    drivetrain, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture
-) -> None:
-    (tmp_path / "tiny.yaml").write_text(TINY)
-    assert drivetrain("train", "tiny.yaml", "--out", "first") == 0
-    begin = ("train", "tiny.yaml", "seed=5", "pretrained=first")
-    frozen = ("learner.part_rates={encoder: 0, head: 0.5}", "--out", "second")
-    assert drivetrain(*begin, *frozen) == 0
-    first, second = (params_of(tmp_path / run, 4) for run in ("first", "second"))
-    same = {
-        name: np.array_equal(first[name], second[name])
-        for name in first
-        if first[name].size > 1
-    }
-    assert all(is_same for name, is_same in same.items() if "'encoder'" in name)
-    assert not any(
-        is_same
-        for name, is_same in same.items()
-        if "kernel" in name and "'encoder'" not in name
-    )
-    capsys.readouterr()
-    assert drivetrain(*begin, "learner.part_rates={encodr: 0}", "--out", "third") == 2
-    assert "did you mean 'encoder'" in capsys.readouterr().err
-
-
-def test_a_run_that_diverges_says_where_and_keeps_what_was_good(
-    drivetrain, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture
-) -> None:
-    (tmp_path / "tiny.yaml").write_text(TINY)
-    steep = ("learner.learning_rate=1e30", "updates=6")
-    assert drivetrain("train", "tiny.yaml", *steep, "--out", "steep") == 2
-    error = capsys.readouterr().err
-    assert "diverged at update 2" in error and "encoder" in error
-    assert "there is no checkpoint before it" in error
-    checkpoints = tmp_path / "steep" / "checkpoints"
-    assert not checkpoints.exists() or not list(checkpoints.iterdir())
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,12 @@
 """Tests that the number of devices changes nothing but the order of sums."""
 
 import functools
-import json
-import os
-import pathlib
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
+from tests.learners import many_devices
+
 # Sums over devices in another order. Adam's first steps are signs of gradients: where
 # one is near zero, rounding decides a small part of a step of 0.001 (bc) or 0.03.
 REORDERED = 1e-4
@@ -18,17 +14,7 @@ REORDERED = 1e-4
 
 @functools.cache
 def results() -> dict:
-    flags = "--xla_force_host_platform_device_count=8"
-    finished = subprocess.run(
-        [sys.executable, "-m", "tests.learners.eight_devices"],
-        cwd=ROOT,
-        env=os.environ | {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert finished.returncode == 0, finished.stderr
-    return json.loads(finished.stdout)
+    return many_devices.run("eight_devices", 8)
 
 
 @pytest.mark.parametrize("name", ["bc", "dqn", "ppo"])

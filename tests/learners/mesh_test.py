@@ -1,31 +1,16 @@
 """Tests of four devices at work, in a process of its own."""
 
-import json
-import os
-import pathlib
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 
-ROOT = pathlib.Path(__file__).resolve().parents[2]
+from tests.learners import many_devices
+
 ROUNDING = 1e-6  # float32 means of a few numbers of order one
 
 
 @pytest.fixture(name="results", scope="module")
 def fixture_results() -> dict:
-    flags = "--xla_force_host_platform_device_count=4"
-    finished = subprocess.run(
-        [sys.executable, "-m", "tests.learners.four_devices"],
-        cwd=ROOT,
-        env=os.environ | {"XLA_FLAGS": flags, "JAX_PLATFORMS": "cpu"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert finished.returncode == 0, finished.stderr
-    return json.loads(finished.stdout)
+    return many_devices.run("four_devices", 4)
 
 
 def test_the_replicas_stay_equal(results: dict) -> None:

@@ -5,14 +5,7 @@ import pytest
 
 from drivetrain.sim.data.entry import Entry, entry_of
 from drivetrain.sim.data.pack import PackConfig, pack
-from drivetrain.sim.scenario import (
-    Lights,
-    MapType,
-    ObjectType,
-    Polylines,
-    Scenario,
-    Tracks,
-)
+from tests.sim.data import by_hand
 
 STEPS = 91
 STRAIGHT = np.stack([np.linspace(-20, 70, STEPS), *np.zeros((2, STEPS))], axis=-1)
@@ -28,38 +21,8 @@ def lane(angle: float, *, offset: float = 0.0, height: float = 0.0) -> np.ndarra
 def entry_with(*lanes: np.ndarray, others: tuple[np.ndarray, ...] = ()) -> Entry:
     """Returns the entry of an ego at 10 m/s along x, with lanes and other cars."""
     xyz = np.stack([STRAIGHT, *others])
-    roads = [STRAIGHT, *lanes]
-    num_objects = len(xyz)
-    scenario = Scenario(
-        scenario_id="hand",
-        dataset="hand",
-        current_step=10,
-        tracks=Tracks(
-            object_id=np.arange(num_objects),
-            object_type=np.full(num_objects, int(ObjectType.VEHICLE)),
-            xyz=xyz,
-            yaw=np.zeros((num_objects, STEPS)),
-            velocity=np.gradient(xyz[..., :2], 0.1, axis=1),
-            valid=np.ones((num_objects, STEPS), bool),
-            size=np.full((num_objects, 3), 2.0),
-            is_of_interest=np.zeros(num_objects, bool),
-        ),
-        ego_index=0,
-        ego_source="marked",
-        roads=Polylines(
-            xyz=np.concatenate(roads),
-            offset=np.cumsum([0, *map(len, roads)]),
-            map_type=np.full(len(roads), int(MapType.LANE_SURFACE_STREET)),
-            feature_id=np.arange(len(roads)),
-        ),
-        lights=Lights(
-            lane_id=np.zeros(0, int),
-            xyz=np.zeros((0, 3)),
-            state=np.zeros((0, STEPS), int),
-            valid=np.zeros((0, STEPS), bool),
-        ),
-        lane_links=None,
-    )
+    roads = dict(enumerate([STRAIGHT, *lanes]))
+    scenario = by_hand.cars_on(roads, xyz, np.zeros(xyz.shape[:2]), (2.0, 2.0, 2.0))
     return entry_of(pack(scenario, PackConfig()))
 
 

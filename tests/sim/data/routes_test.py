@@ -7,14 +7,8 @@ import numpy as np
 import pytest
 
 from drivetrain.sim.data import build, parts, routes
-from drivetrain.sim.scenario import (
-    Lights,
-    MapType,
-    ObjectType,
-    Polylines,
-    Scenario,
-    Tracks,
-)
+from drivetrain.sim.scenario import Scenario
+from tests.sim.data import by_hand
 
 REAL = pathlib.Path(__file__).resolve().parents[3] / "../shared/data/womd_json"
 STEPS = 91
@@ -50,35 +44,7 @@ def scenario_of(
     links = None
     if successor is not None or neighbor is not None:
         links = parts.lane_links(successor or [], neighbor or [], [], {})
-    return Scenario(
-        scenario_id="hand",
-        dataset="hand",
-        tracks=Tracks(
-            object_id=np.array([7]),
-            object_type=np.array([int(ObjectType.VEHICLE)]),
-            xyz=xyz,
-            yaw=yaw,
-            velocity=velocity,
-            valid=np.ones((1, STEPS), bool),
-            size=np.array([[4.5, 1.8, 1.5]]),
-            is_of_interest=np.zeros(1, bool),
-        ),
-        ego_index=0,
-        ego_source="marked",
-        roads=Polylines(
-            xyz=np.concatenate(list(lanes.values())),
-            offset=np.cumsum([0, *map(len, lanes.values())]),
-            map_type=np.full(len(lanes), int(MapType.LANE_SURFACE_STREET)),
-            feature_id=np.array(list(lanes)),
-        ),
-        lights=Lights(
-            lane_id=np.zeros(0, int),
-            xyz=np.zeros((0, 3)),
-            state=np.zeros((0, STEPS), int),
-            valid=np.zeros((0, STEPS), bool),
-        ),
-        lane_links=links,
-    )
+    return by_hand.cars_on(lanes, xyz, yaw, (4.5, 1.8, 1.5), links)
 
 
 def found(scenario: Scenario) -> list[tuple[np.ndarray, bool]]:
