@@ -1,6 +1,7 @@
 """Stops a run whose loss is no number any more, and says where it went wrong."""
 
 import pathlib
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +16,7 @@ class DivergedError(ValueError):
 
 
 def require_finite(
-    metrics: Metrics, first: int, folder: pathlib.Path, saved: list[int]
+    metrics: Metrics, first: int, folder: pathlib.Path, steps: Callable[[], list[int]]
 ) -> None:
     """Checks the updates of a call.
 
@@ -23,7 +24,7 @@ def require_finite(
         metrics: of each update, on the host; with several seeds, of each of them too.
         first: the number of the first of these updates.
         folder: of the run.
-        saved: the steps of its checkpoints.
+        steps: lists those of its checkpoints.
 
     Raises:
         DivergedError: if a loss or a gradient is not finite; says at which update, the
@@ -41,6 +42,7 @@ def require_finite(
         for name, mean in sorted(metrics.items())
         if name.startswith(PARTS)
     )
+    saved = steps()
     last = "there is no checkpoint before it"
     if saved:
         last = f"the last good checkpoint is that of update {saved[-1]:,}"

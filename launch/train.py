@@ -104,9 +104,8 @@ def _run(run: Run, state: TrainState, log: logbook.Logbook) -> TrainState:
             first, done = done + 1, done + experiment.updates_per_call
             feed.begin(done)
             metrics = jax.device_get(metrics)
-            divergence.require_finite(
-                metrics, first, run.folder, run.checkpoints.steps()
-            )
+            steps = run.checkpoints.steps
+            divergence.require_finite(metrics, first, run.folder, steps)
             scalars = _means(metrics) | feed.exchange()
             monitor = experiment.monitor
             if monitor is not None and done % monitor.every == 0:
