@@ -267,12 +267,8 @@ def _each(env: Environment, function: Callable, axes: tuple) -> Callable:
 
 def _memory(env: Environment, agent: Agent, num_objects: int) -> Memory:
     """Returns what each actor remembers before its first step."""
-
-    def of_all(leaf: Array) -> Array:
-        return jnp.broadcast_to(leaf[None], (num_objects, *leaf.shape))
-
     memory = agent.memory()
-    return jax.tree.map(of_all, memory) if is_multi_agent(env) else memory
+    return pytrees.spread(memory, num_objects) if is_multi_agent(env) else memory
 
 
 def _keys(env: Environment, state: State, key: PRNGKeyArray) -> Key[Array, "*actors"]:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int, Key, PyTree
 
 from ..agents.base import Params
+from ..sim import pytrees
 from ..sim.records import Record
 from . import stage as stages, strata
 from .acting import Cast
@@ -99,7 +100,7 @@ def begin(
         observation_tpn=like.observation,
     )
     replay = prioritized.make(item, config.replay.capacity // config.strata)
-    return Experience(stage=stage, replay=strata.spread(replay, len(share.number)))
+    return Experience(stage=stage, replay=pytrees.spread(replay, len(share.number)))
 
 
 def act(

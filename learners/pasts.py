@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int, Key
 
 from ..agents.base import Params
+from ..sim import pytrees
 from ..sim.records import Record
 
 
@@ -17,11 +18,7 @@ class Pasts(Record):
 
 def begin(params: Params, size: int) -> Pasts:
     """Returns the ring that holds the first parameters alone."""
-
-    def spread(leaf: Array) -> Array:
-        return jnp.broadcast_to(leaf[None], (size, *leaf.shape))
-
-    return Pasts(params=jax.tree.map(spread, params), count=jnp.int32(1))
+    return Pasts(params=pytrees.spread(params, size), count=jnp.int32(1))
 
 
 def keep(pasts: Pasts, params: Params, wanted: Array) -> Pasts:

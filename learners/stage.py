@@ -5,6 +5,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Key
 
 from ..agents.base import Params
+from ..sim import pytrees
 from ..sim.records import Record
 from . import acting, episodes, strata
 from .acting import Cast, Step, World
@@ -39,7 +40,7 @@ def begin(
     """Returns worlds at the start of episodes, so many a stratum."""
     world = acting.start(cast, bank, share, key, per_stratum)
     episode = episodes.begin(step_of(cast, params, bank, share, key, world))
-    return Stage(world=world, episode=strata.spread(episode, *world.ended.shape))
+    return Stage(world=world, episode=pytrees.spread(episode, *world.ended.shape))
 
 
 def step_of(

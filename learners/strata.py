@@ -66,13 +66,6 @@ def part(tree: PyTree[Array], num_strata: int) -> PyTree[Array]:
     )
 
 
-def spread(tree: PyTree[Array], *shape: int) -> PyTree[Array]:
-    """Returns the same arrays many times over, along new leading axes."""
-    return jax.tree.map(
-        lambda leaf: jnp.broadcast_to(leaf, (*shape, *leaf.shape)), tree
-    )
-
-
 def check(num_strata: int, **parts: int) -> None:
     """Checks that strata divide what a config counts.
 

@@ -1,4 +1,4 @@
-"""Chooses between trees of arrays."""
+"""Chooses between trees of arrays, and copies them."""
 
 from typing import TypeVar
 
@@ -23,3 +23,10 @@ def where(mask: Bool[Array, "*batch"], chosen: Tree, other: Tree) -> Tree:
         return jnp.where(rows, one, two)
 
     return jax.tree.map(choose, chosen, other)
+
+
+def spread(tree: Tree, *shape: int) -> Tree:
+    """Returns the same arrays many times over, along new leading axes."""
+    return jax.tree.map(
+        lambda leaf: jnp.broadcast_to(leaf, (*shape, *leaf.shape)), tree
+    )

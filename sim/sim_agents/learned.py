@@ -5,9 +5,9 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Array, Float, Int, PyTree
 
-from .. import motions
+from .. import motions, pytrees
 from ..dynamics.base import Action, Dynamics
 from ..goals import Goal, logged_goal
 from ..motion import Motion
@@ -68,7 +68,7 @@ def remembering(
         motion = scene.log_at(start)
         held = dynamics.controls(dynamics.coast(motion, scene.bank.dt))
         return Memory(
-            own=_of_all(memory, len(motion.valid)),
+            own=pytrees.spread(memory, len(motion.valid)),
             history=jax.vmap(scene.log_at)(start - history + jnp.arange(history)),
             goal=logged_goal(scene, motion),
             controls=jnp.where(motion.valid[:, None], held, 0.0),
@@ -91,27 +91,12 @@ def remembering(
         numbers = jnp.arange(len(motion.valid))
         own, action = jax.vmap(policy, in_axes=(0, None, 0))(carry.own, view, numbers)
         moved = dynamics.forward(motion, view.object_size, action, scene.bank.dt)
+        fresh = pytrees.spread(memory, len(numbers))
         carry = carry.replace(
-            own=_where(motion.valid, own, _of_all(memory, len(numbers))),
+            own=pytrees.where(motion.valid, own, fresh),
             history=jax.tree.map(lambda leaf: leaf[1:], seen),
             controls=dynamics.controls(action),
         )
         return carry, motions.where(motion.valid, moved, scene.log_at(step + 1))
 
     return SimAgent("learned", reset, step)
-
-
-def _of_all(memory: PyTree[Array], num_objects: int) -> PyTree[Array]:
-    return jax.tree.map(
-        lambda leaf: jnp.broadcast_to(leaf[None], (num_objects, *leaf.shape)), memory
-    )
-
-
-def _where(
-    mask: Bool[Array, " objects"], a: PyTree[Array], b: PyTree[Array]
-) -> PyTree[Array]:
-    def choose(one: Array, other: Array) -> Array:
-        here = mask.reshape(-1, *[1] * (one.ndim - 1))
-        return jnp.where(here, one, other)
-
-    return jax.tree.map(choose, a, b)
