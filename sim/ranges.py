@@ -3,7 +3,7 @@
 from typing import Any
 
 
-def require_at_least(config: Any, **least: float) -> None:
+def require_at_least(config: Any, **least: int) -> None:
     """Checks fields of a config.
 
     Args:
