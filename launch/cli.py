@@ -24,6 +24,7 @@ from . import (
     banks,
     benchmark as benchmarking,
     config,
+    curves as drawing,
     demo as demos,
     dump as dumps,
     evaluate as evaluating,
@@ -270,6 +271,7 @@ COMMANDS = {
     "data": data,
     "train": train,
     "evaluate": evaluate,
+    "curves": drawing.curves,
     "benchmark": benchmark,
     "demo": demo,
 }
