@@ -11,7 +11,7 @@ from drivetrain.agents.base import Agent, Memory, Output
 from drivetrain.agents.distributions import TanhMixture
 from drivetrain.learners import mesh as meshes, optim, program
 from drivetrain.learners.apg import AnalyticConfig, analytic_policy_gradient
-from drivetrain.learners.base import Metrics, TrainState
+from drivetrain.learners.base import Learner, Metrics, TrainState
 from drivetrain.sim.data.bank import Bank
 from drivetrain.sim.dynamics.base import Continuous
 from drivetrain.sim.env.base import Environment, State, Timestep
@@ -79,8 +79,13 @@ def agent() -> Agent:
     return Agent(init=lambda key: init, memory=lambda: (), step=step)
 
 
+def learner(config: AnalyticConfig = CONFIG) -> Learner:
+    optimizer = optim.adam(config)
+    return analytic_policy_gradient(environment(), agent(), optimizer, config)
+
+
 def trained(config: AnalyticConfig, num_updates: int) -> tuple[TrainState, Metrics]:
-    made = analytic_policy_gradient(environment(), agent(), optim.adam(config), config)
+    made = learner(config)
     mesh = meshes.data_mesh()
     bank = meshes.shard(mesh, probes.bank(mesh.size))
     run = program.compile_program(made, mesh, num_updates)

@@ -18,7 +18,7 @@ from drivetrain.sim.dynamics import build as dynamics
 from drivetrain.sim.env.demonstrations import demonstrations
 from drivetrain.sim.observations.vector import vector
 from tests import worlds
-from tests.learners import crowd, dqn_test, ppo_test, probes
+from tests.learners import apg_test, crowd, dqn_test, ppo_test, probes
 from tests.sim.env.planning_test import SMALL, env_of
 
 UPDATES = 10
@@ -64,6 +64,11 @@ def playing(mesh: Mesh) -> tuple[Learner, Bank]:
     return made, meshes.shard(mesh, probes.bank(mesh.size))
 
 
+def following(mesh: Mesh) -> tuple[Learner, Bank]:
+    """Follows the slope of the reward."""
+    return apg_test.learner(), meshes.shard(mesh, probes.bank(mesh.size))
+
+
 def after(build: Callable[[Mesh], tuple[Learner, Bank]], num_devices: int) -> dict:
     """Returns the parameters and metrics after some updates."""
     mesh = jax.make_mesh(
@@ -94,6 +99,7 @@ def main() -> None:
             ("bc", cloning, 2),
             ("dqn", valuing, 8),
             ("ppo", playing, 8),
+            ("apg", following, 8),
         )
     }
     print(json.dumps(found))
