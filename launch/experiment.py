@@ -90,6 +90,13 @@ class Experiment:
                 "monitor.every must be a multiple of updates_per_call, got "
                 f"{self.monitor.every} and {self.updates_per_call}."
             )
+        shaping = self.task.shaping
+        discount = getattr(self.learner, "discount", None)
+        if shaping is not None and discount not in (None, shaping.discount):
+            raise ValueError(
+                "task.shaping.discount must be learner.discount, or other policies "
+                f"become the best, got {shaping.discount} and {discount}."
+            )
         if not 0 <= self.seed < 2**32:
             raise ValueError(f"seed must be from 0 to 2^32 - 1, got {self.seed}.")
 

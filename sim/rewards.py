@@ -1,5 +1,6 @@
 """Turns moments and their measures into rewards."""
 
+import math
 from collections.abc import Callable, Mapping
 
 import jax.numpy as jnp
@@ -72,22 +73,27 @@ def nocturne_dense() -> Reward:
     return reward
 
 
-def shaped(reward: Reward, potential: Potential, discount: float) -> Reward:
+def shaped(
+    reward: Reward, potential: Potential, weight: float, discount: float
+) -> Reward:
     """Adds potential-based shaping to a reward (Ng, Harada & Russell 1999, eq. 2).
 
-        F = gamma Phi(s') - Phi(s)
+        F = w (gamma Phi(s') - Phi(s))
 
     The best policies stay the best. Over an episode the discounted sum of F is
-    gamma^T Phi(s_T) - Phi(s_0).
+    w (gamma^T Phi(s_T) - Phi(s_0)).
 
     Args:
         reward: to which F is added.
-        potential: Phi, in metres or whatever the reward is worth.
+        potential: Phi, in metres.
+        weight: w, what a metre is worth.
         discount: gamma, the same as the learner's.
 
     Raises:
-        ValueError: if the discount lies outside 0 to 1.
+        ValueError: if the discount lies outside 0 to 1, or the weight is not positive.
     """
+    if not 0 < weight < math.inf:
+        raise ValueError(f"weight must be positive and finite, got {weight}.")
     if not 0 <= discount <= 1:
         raise ValueError(f"discount must lie between 0 and 1, got {discount}.")
 
@@ -97,7 +103,8 @@ def shaped(reward: Reward, potential: Potential, discount: float) -> Reward:
         scene, goal, step = moment.scene, moment.goal, moment.step
         value_t = potential(scene, goal, moment.before, step - 1, number)
         value_tp1 = potential(scene, goal, moment.after, step, number)
-        return reward(moment, number, measures) + discount * value_tp1 - value_t
+        nearer = discount * value_tp1 - value_t
+        return reward(moment, number, measures) + weight * nearer
 
     return shaped_reward
 

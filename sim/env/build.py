@@ -21,7 +21,17 @@ from .starts import StartConfig
 
 # A preset by name, or the weights of metrics.
 RewardConfig = str | dict[str, float]
+POTENTIALS = {"goal": rewards.nearness_to_goal, "log": rewards.nearness_to_log}
 SMOOTH = (SMOOTH_COLLISION, SMOOTH_OFFROAD)  # measured where a reward asks for them
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class ShapingConfig:
+    """Pays for coming nearer, and takes it back for going away (`rewards.shaped`)."""
+
+    towards: Literal["goal", "log"] = "goal"  # where the log ends, or is at the time
+    weight: float = 0.1  # of a metre
+    discount: float = 0.99  # the learner's, without which best policies may change
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -31,16 +41,18 @@ class PlanningConfig:
     name: Literal["planning"] = "planning"
     sim_agent: str = "playback"  # drives all others in training
     reward: RewardConfig = "sparse"
+    shaping: ShapingConfig | None = None
     starts: StartConfig = field(default_factory=StartConfig)
 
     def __post_init__(self) -> None:
-        """Checks the names.
+        """Checks the names, and the ranges of shaping.
 
         Raises:
-            ValueError: if a sim agent, a preset or a metric is unknown.
+            ValueError: if a sim agent, a preset or a metric is unknown, or a number of
+                shaping is out of range.
         """
         sim_agents.build(self.sim_agent)
-        reward_of(self.reward)
+        reward_of(self.reward, self.shaping)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -50,18 +62,20 @@ class SelfPlayConfig:
     name: Literal["self_play"] = "self_play"
     sim_agent: str = "playback"  # drives whoever is not controlled
     reward: RewardConfig = "nocturne"
+    shaping: ShapingConfig | None = None
     starts: StartConfig = field(default_factory=StartConfig)
     controlled: MovingConfig = field(default_factory=MovingConfig)
     remove_at: tuple[str, ...] = ("goal", "collision")  # metrics that end a part
 
     def __post_init__(self) -> None:
-        """Checks the names.
+        """Checks the names, and the ranges of shaping.
 
         Raises:
-            ValueError: if a sim agent, a preset or a metric is unknown.
+            ValueError: if a sim agent, a preset or a metric is unknown, or a number of
+                shaping is out of range.
         """
         sim_agents.build(self.sim_agent)
-        reward_of(self.reward)
+        reward_of(self.reward, self.shaping)
         for metric in self.remove_at:
             _require_known(metric, METRICS)
 
@@ -86,7 +100,7 @@ def build(
         controls: in self-play, who is controlled, instead of all that the config says.
     """
     others = sim_agent or sim_agents.build(config.sim_agent)
-    reward, metrics = reward_of(config.reward)
+    reward, metrics = reward_of(config.reward, config.shaping)
     if isinstance(config, PlanningConfig):
         return planning(dynamics, others, observer, reward, metrics, config.starts)
     return multi_agent(
@@ -101,12 +115,25 @@ def build(
     )
 
 
-def reward_of(config: RewardConfig) -> tuple[Reward, tuple[Metric, ...]]:
+def reward_of(
+    config: RewardConfig, shaping: ShapingConfig | None = None
+) -> tuple[Reward, tuple[Metric, ...]]:
     """Returns a reward, and the metrics to measure for it and for the record.
 
     Raises:
-        ValueError: if a preset or a metric is unknown.
+        ValueError: if a preset or a metric is unknown, or a number of shaping is out of
+            range.
     """
+    reward, metrics = _bare(config)
+    if shaping is None:
+        return reward, metrics
+    potential = POTENTIALS[shaping.towards]
+    shaped = rewards.shaped(reward, potential, shaping.weight, shaping.discount)
+    return shaped, metrics
+
+
+def _bare(config: RewardConfig) -> tuple[Reward, tuple[Metric, ...]]:
+    """Returns a reward without shaping, and what it measures."""
     if config == "nocturne":
         return rewards.nocturne_dense(), METRICS
     if isinstance(config, str):

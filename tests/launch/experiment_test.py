@@ -7,6 +7,8 @@ import pytest
 
 from drivetrain.launch import config
 from drivetrain.launch.experiment import Experiment, agent, environment, keys, learner
+from drivetrain.learners.ppo import PPOConfig
+from drivetrain.sim.env.build import PlanningConfig, ShapingConfig
 from tests import worlds
 
 NAMES = sorted(
@@ -35,3 +37,10 @@ def test_every_config_says_what_it_is_on_what_and_by_which_command(name: str) ->
     header = " ".join(line for line in lines if line.startswith("#"))
     assert "Hardware:" in header and "Command" in header
     assert f"configs/{name}" in header or "drivetrain demo" in header
+
+
+def test_shaping_has_the_discount_of_the_learner() -> None:
+    task = PlanningConfig(shaping=ShapingConfig(discount=0.9))
+    assert Experiment(data="none", task=task, learner=PPOConfig(discount=0.9))
+    with pytest.raises(ValueError, match=r"got 0\.9 and 0\.5"):
+        Experiment(data="none", task=task, learner=PPOConfig(discount=0.5))

@@ -16,6 +16,7 @@ EGO = jnp.int32(0)
 NOCTURNE_ROUNDING = 1e-6  # float32: numbers of some 100 m over distances of metres
 SUM_ROUNDING = 1e-4  # float32: a sum of 40 differences of numbers below 100
 SHAPED_STEPS = 40
+WEIGHT = 2.5  # of a metre
 
 
 def measure(value: float, valid: bool = True) -> Measure:
@@ -104,7 +105,8 @@ def test_shaping_adds_what_the_potential_gained(potential, discount: float) -> N
     steps = [int(first.step) + i for i in range(SHAPED_STEPS + 1)]
     logs = [worlds.log_at(first.scene, jnp.int32(step)) for step in steps]
     walk = [worlds.kicked(log, step) for log, step in zip(logs, steps, strict=True)]
-    reward = rewards.shaped(rewards.weighted({"collision": 0.5}), potential, discount)
+    bumpy = rewards.weighted({"collision": 0.5})
+    reward = rewards.shaped(bumpy, potential, WEIGHT, discount)
     bare = {"collision": measure(1.0)}
 
     @jax.jit
@@ -122,7 +124,7 @@ def test_shaping_adds_what_the_potential_gained(potential, discount: float) -> N
         for motion, place in zip((walk[0], walk[-1]), there, strict=True)
     )
     total = sum(float(g) * discount**t for t, g in enumerate(gains))
-    expected = discount**SHAPED_STEPS * after - before
+    expected = WEIGHT * (discount**SHAPED_STEPS * after - before)
     assert total == pytest.approx(expected, abs=SUM_ROUNDING)
     assert max(abs(float(g)) for g in gains) > 0.1  # else the walk proves nothing
 
@@ -137,9 +139,17 @@ def test_who_is_absent_has_no_potential() -> None:
         assert float(of) == 0.0
 
 
-@pytest.mark.parametrize("discount", [-0.1, 1.1, np.nan])
-def test_a_discount_that_is_none_is_refused(discount: float) -> None:
-    with pytest.raises(ValueError, match="discount must lie between 0 and 1"):
-        rewards.shaped(
-            rewards.weighted(rewards.SPARSE), rewards.nearness_to_goal, discount
-        )
+@pytest.mark.parametrize(
+    ("weight", "discount", "message"),
+    [
+        (1.0, -0.1, "discount must lie between 0 and 1"),
+        (1.0, 1.1, "discount must lie between 0 and 1"),
+        (1.0, np.nan, "discount must lie between 0 and 1"),
+        (0.0, 1.0, "weight must be positive"),
+        (np.inf, 1.0, "weight must be positive"),
+    ],
+)
+def test_shaping_out_of_range_is_refused(weight, discount, message: str) -> None:
+    bare = rewards.weighted(rewards.SPARSE)
+    with pytest.raises(ValueError, match=message):
+        rewards.shaped(bare, rewards.nearness_to_goal, weight, discount)

@@ -7,13 +7,15 @@ import pytest
 
 from drivetrain.sim.dynamics import build as dynamics
 from drivetrain.sim.env import build
-from drivetrain.sim.env.build import PlanningConfig, SelfPlayConfig
+from drivetrain.sim.env.build import PlanningConfig, SelfPlayConfig, ShapingConfig
 from drivetrain.sim.observations.vector import vector
 from drivetrain.sim.rewards import SPARSE
+from drivetrain.sim.scene import Scene
 from tests import worlds
 from tests.sim.env.planning_test import SMALL
 
 ROUNDING = 1e-6  # float32 sums of two numbers
+SHAPING_ROUNDING = 1e-5  # float32 differences of places of some 100 m
 
 
 def stepped(config: build.TaskConfig, jump: float):
@@ -44,6 +46,21 @@ def test_smooth_costs_are_measured_where_a_reward_asks_for_them() -> None:
     assert "smooth_offroad" not in plain.measures
 
 
+@pytest.mark.parametrize("towards", ["goal", "log"])
+def test_shaping_takes_back_what_going_away_costs(towards) -> None:
+    shaping = ShapingConfig(towards=towards, weight=0.5, discount=1.0)
+    _, plain = stepped(PlanningConfig(), 90.0)
+    state, shaped = stepped(PlanningConfig(shaping=shaping), 90.0)
+    # The first place is the log's own, at the time.
+    scene = Scene(bank=worlds.bank("generated"), index=state.index)
+    start, there = scene.log_at(state.step - 1).xy[0], scene.log_at(state.step).xy[0]
+    place = scene.log_end().xy[0] if towards == "goal" else there
+    gained = np.linalg.norm(start - place) if towards == "goal" else 0.0
+    gained -= np.linalg.norm(state.motion.xy[0] - place)
+    added = shaped.reward - plain.reward
+    np.testing.assert_allclose(added, 0.5 * gained, rtol=SHAPING_ROUNDING)
+
+
 def test_in_self_play_those_who_move_act_and_leave_when_they_are_hit() -> None:
     config = SelfPlayConfig(remove_at=("offroad",))
     state, timestep = stepped(config, 900.0)
@@ -62,8 +79,9 @@ def test_in_self_play_those_who_move_act_and_leave_when_they_are_hit() -> None:
         (PlanningConfig, {"reward": "sparce"}, "did you mean 'sparse'"),
         (PlanningConfig, {"reward": {"offrod": 1.0}}, "did you mean 'offroad'"),
         (SelfPlayConfig, {"remove_at": ("goals",)}, "did you mean 'goal'"),
+        (SelfPlayConfig, {"shaping": ShapingConfig(weight=-1.0)}, "must be positive"),
     ],
 )
-def test_unknown_names_are_refused(kind: type, fields: dict, message: str) -> None:
+def test_what_does_not_fit_is_refused(kind: type, fields: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         kind(**fields)
