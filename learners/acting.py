@@ -163,14 +163,14 @@ def unroll(
             return pytrees.where(worlds.ended, fresh, following)
 
         # Whoever was shown how it ended begins anew; often that is nobody.
-        return jax.lax.cond(_any(worlds.ended), restart, lambda: following), steps
+        return jax.lax.cond(any_of(worlds.ended), restart, lambda: following), steps
 
     # What is needed to differentiate a step is computed again, not kept.
     return jax.lax.scan(jax.checkpoint(step), worlds, jnp.arange(num_steps))
 
 
 @jax.custom_batching.custom_vmap
-def _any(flags: Bool[Array, " worlds"]) -> Bool[Array, ""]:
+def any_of(flags: Bool[Array, " worlds"]) -> Bool[Array, ""]:
     """Tells whether a flag is set here, or in whatever is mapped side by side.
 
     So what depends on it is one choice for all, not a choice of each between results
@@ -179,10 +179,10 @@ def _any(flags: Bool[Array, " worlds"]) -> Bool[Array, ""]:
     return jnp.any(flags)
 
 
-@_any.def_vmap
+@any_of.def_vmap
 def _any_of_all(axis_size: int, in_batched: list[bool], flags: Array):
     del axis_size
-    return _any(jnp.any(flags, axis=0) if in_batched[0] else flags), False
+    return any_of(jnp.any(flags, axis=0) if in_batched[0] else flags), False
 
 
 def _play(
