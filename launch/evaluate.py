@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, PyTree
 from rich import console as rich_console
 
-from ..learners import acting, checkpoint, mesh as meshes
+from ..learners import acting, actors, checkpoint, mesh as meshes
 from ..learners.evaluator import compile_evaluator, figures_of
 from ..sim.dynamics import build as dynamics
 from ..sim.env import build as tasks, drivers
@@ -227,7 +227,7 @@ def play(player: Player, loaded: Loaded, seed: int) -> dict[str, np.ndarray]:
     episodes = _play(player, loaded, seed, "evaluating", figures_of(player.env))
     masks = {f"{name}_mask": valid for name, valid in episodes.valid.items()}
     found = {name: np.asarray(x) for name, x in {**episodes.value, **masks}.items()}
-    if acting.is_multi_agent(player.env):
+    if actors.is_multi_agent(player.env):
         return _of_actors(found)
     lost = found["log_ade_mask"] & ~np.isfinite(found["log_ade"])
     if np.any(lost):

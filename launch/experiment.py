@@ -9,7 +9,7 @@ from jaxtyping import Array, Key
 
 from ..agents import build as agents
 from ..agents.base import Agent, Params
-from ..learners import acting, build as learners, opponents
+from ..learners import actors, build as learners, opponents
 from ..learners.base import Learner
 from ..learners.bc import CloningConfig, Draw
 from ..learners.forecasting import ForecastConfig
@@ -144,10 +144,10 @@ def agent(experiment: Experiment, env: Environment, bank: Bank) -> Agent:
 
     def first_observation(bank: Bank):
         state = env.reset(bank, jnp.int32(0), jax.random.key(0))
-        return acting.first_actor(env, env.observe(bank, state))
+        return actors.first(env, env.observe(bank, state))
 
     observation = jax.eval_shape(first_observation, bank)
-    spec, kind = acting.action_spec(env), learners.kind_of(experiment.learner)
+    spec, kind = actors.action_spec(env), learners.kind_of(experiment.learner)
     return agents.build(experiment.agent, observation, spec, kind)
 
 

@@ -12,14 +12,14 @@ from ..agents.base import Agent, Memory, Output, Params
 from ..sim import pytrees
 from ..sim.data.bank import Bank
 from ..sim.data.stratum import Stratum
-from ..sim.dynamics.base import Action, ActionSpec
+from ..sim.dynamics.base import Action
 from ..sim.env import rollout
-from ..sim.env.base import Act, Driver, Environment, State, Timestep
+from ..sim.env.base import Act, Driver, Environment, State
 from ..sim.metrics.base import Measure
 from ..sim.observations.base import Observation
 from ..sim.records import Record
 from ..sim.scene import Scene
-from . import strata
+from . import actors, strata
 from .strata import Share
 
 # Of what an agent makes of an observation: an action, and what to remember of it.
@@ -35,7 +35,7 @@ class World(Record):
 
 
 class Step(Record):
-    """One step of each actor: the ego in planning, every object in multi-agent.
+    """One step of each actor: the ego in planning, in multi-agent whoever may act.
 
     The step after the last of an episode is there too, with the observation of how it
     ended and a mask of False: what is missed by ending early, `value_tp1`, can be told
@@ -122,7 +122,7 @@ def begin(cast: Cast, bank: Bank, stratum: Stratum, key: PRNGKeyArray) -> World:
     state = rollout.begin(cast.env, bank, stratum, key)
     return World(
         state=state,
-        memory=_memory(cast.env, cast.agent, len(state.admitted)),
+        memory=actors.memory(cast.env, cast.agent, len(state.admitted)),
         ended=jnp.bool_(False),
     )
 
@@ -191,26 +191,31 @@ def _play(
     """Plays one step in one world."""
     env, agent = cast.env, cast.agent
     observation = env.observe(bank, world.state)
-    memory, output = _each(env, agent.step, (None, 0, 0))(
+    memory, output = actors.each(env, agent.step, (None, 0, 0))(
         params, world.memory, observation
     )
-    keys = _keys(env, world.state, key)
-    action, note = _each(env, cast.choose, (0, 0))(output, keys)
-    act = (action,) if is_multi_agent(env) else action
+    keys = actors.keys(env, world.state, key)
+    action, note = actors.each(env, cast.choose, (0, 0))(output, keys)
+    act = actors.act(env, world.state, action)
     state, timestep = env.step(bank, world.state, act)
-    mask = timestep.acted & ~world.ended
     ended = rollout.has_ended(timestep) & ~world.ended
+    acted, reward, discount, measures = actors.of_actors(
+        env,
+        world.state,
+        (timestep.acted, timestep.reward, timestep.discount, timestep.measures),
+    )
+    mask = acted & ~world.ended
     steps = Step(
         observation=observation,
         action=action,
         note=note,
-        reward=jnp.where(mask, timestep.reward, 0.0),
-        discount=timestep.discount,
+        reward=jnp.where(mask, reward, 0.0),
+        discount=discount,
         mask=mask,
         ended=ended,
-        measures=_masked(timestep, mask),
+        measures=_masked(measures, mask),
     )
-    fresh = _memory(env, agent, len(state.admitted))
+    fresh = actors.memory(env, agent, len(state.admitted))
     memory = pytrees.where(mask, memory, fresh)
     return World(state=state, memory=memory, ended=ended), steps
 
@@ -230,17 +235,18 @@ def greedy(agent: Agent, env: Environment) -> Callable[[PyTree, Array], Driver]:
         ) -> tuple[Memory, Act]:
             del key
             observation = env.observe(bank, state)
-            step = _each(env, agent.step, (None, 0, 0))
+            step = actors.each(env, agent.step, (None, 0, 0))
             memory, output = step(params, memory, observation)
-            action = _each(env, lambda output: output.policy.mode(), (0,))(output)
-            if not is_multi_agent(env):
-                return memory, action
+            mode = actors.each(env, lambda output: output.policy.mode(), (0,))
+            act = actors.act(env, state, mode(output))
+            if not actors.is_multi_agent(env):
+                return memory, act
             here = state.controlled & state.motion.valid
-            fresh = _memory(env, agent, len(here))
-            return pytrees.where(here, memory, fresh), (action,)
+            fresh = actors.memory(env, agent, len(here))
+            return pytrees.where(actors.of_actors(env, state, here), memory, fresh), act
 
         def reset(scene: Scene) -> Memory:
-            memory = _memory(env, agent, len(scene.object_mask))
+            memory = actors.memory(env, agent, len(scene.object_mask))
             # Chosen by the scene, so that it counts as the device's own, as in `act`.
             return pytrees.where(scene.index >= 0, memory, memory)
 
@@ -249,50 +255,10 @@ def greedy(agent: Agent, env: Environment) -> Callable[[PyTree, Array], Driver]:
     return driver_of
 
 
-def action_spec(env: Environment) -> ActionSpec:
-    """Returns the actions of each actor.
-
-    Raises:
-        ValueError: if there are several teams, whose actions may differ.
-    """
-    if not is_multi_agent(env):
-        return env.action_spec
-    if len(env.action_spec) != 1:
-        raise ValueError(
-            f"an agent drives one team, got a task of {len(env.action_spec)}."
-        )
-    return env.action_spec[0]
-
-
-def first_actor(env: Environment, observation: Observation) -> Observation:
-    """Returns what the first actor sees."""
-    if not is_multi_agent(env):
-        return observation
-    return jax.tree.map(lambda leaf: leaf[0], observation)
-
-
-def is_multi_agent(env: Environment) -> bool:
-    """Tells whether every object is an actor, or the ego alone."""
-    return isinstance(env.action_spec, tuple)
-
-
-def _each(env: Environment, function: Callable, axes: tuple) -> Callable:
-    """Returns a function of one actor for all of a world."""
-    return jax.vmap(function, in_axes=axes) if is_multi_agent(env) else function
-
-
-def _memory(env: Environment, agent: Agent, num_objects: int) -> Memory:
-    """Returns what each actor remembers before its first step."""
-    memory = agent.memory()
-    return pytrees.spread(memory, num_objects) if is_multi_agent(env) else memory
-
-
-def _keys(env: Environment, state: State, key: PRNGKeyArray) -> Key[Array, "*actors"]:
-    return jax.random.split(key, len(state.admitted)) if is_multi_agent(env) else key
-
-
-def _masked(timestep: Timestep, mask: Bool[Array, "*actors"]) -> dict[str, Measure]:
+def _masked(
+    measures: dict[str, Measure], mask: Bool[Array, "*actors"]
+) -> dict[str, Measure]:
     return {
         name: measure.replace(valid=measure.valid & mask)
-        for name, measure in timestep.measures.items()
+        for name, measure in measures.items()
     }

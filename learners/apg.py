@@ -15,7 +15,7 @@ from ..agents.base import Agent, Params
 from ..sim import ranges
 from ..sim.dynamics.base import Continuous
 from ..sim.env.base import Environment
-from . import acting, losses, optim, strata
+from . import acting, actors, losses, optim, strata
 from .acting import Cast, World
 from .base import Bank, Learner, Metrics, TrainState
 
@@ -67,7 +67,7 @@ def analytic_policy_gradient(
     Raises:
         ValueError: if actions are numbered, as those have no slope.
     """
-    if not isinstance(acting.action_spec(env), Continuous):
+    if not isinstance(actors.action_spec(env), Continuous):
         raise ValueError(
             "apg needs continuous actions, such as dynamics=bicycle; these are numbered"
         )

@@ -13,7 +13,7 @@ from ..sim.env.base import Driver, Environment
 from ..sim.env.rollout import Rollout, rollout
 from ..sim.metrics import aggregate
 from ..sim.metrics.aggregate import Episode
-from . import acting, mesh as meshes
+from . import actors, mesh as meshes
 
 BATCH = 16  # worlds that play side by side on a device
 CALL = 4 * BATCH  # worlds of a device in one call of the program
@@ -28,7 +28,7 @@ def figures(steps: Rollout) -> Episode:
 
 def figures_of(env: Environment) -> Callable[[Rollout], Episode]:
     """Returns what makes figures of a task's episodes: the ego's, or each object's."""
-    if not acting.is_multi_agent(env):
+    if not actors.is_multi_agent(env):
         return figures
     of_each = jax.vmap(aggregate.summarize, in_axes=1)
     return lambda steps: of_each(steps.measures)

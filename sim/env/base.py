@@ -74,7 +74,9 @@ class Environment:
     action_spec: Spec
     reset: Callable[[Bank, Int[Array, ""], PRNGKeyArray], State]
     step: Callable[[Bank, State, Act], tuple[State, Timestep]]
-    observe: Callable[[Bank, State], Observation]  # in multi-agent of each object
+    observe: Callable[[Bank, State], Observation]  # in multi-agent of each actor
+    # The most actors of a world in multi-agent (`controlled.actors`); None: everyone.
+    max_actors: int | None = None
 
 
 @dataclasses.dataclass(frozen=True)

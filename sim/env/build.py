@@ -110,7 +110,10 @@ def build(
         reward,
         metrics,
         MultiAgentConfig(
-            remove_at=config.remove_at, joins_later=False, starts=config.starts
+            remove_at=config.remove_at,
+            joins_later=False,
+            max_actors=config.controlled.max_objects,
+            starts=config.starts,
         ),
     )
 

@@ -1,4 +1,4 @@
-"""Says which objects of a scenario a team controls."""
+"""Says which objects of a scenario a team controls, and who has a seat to act from."""
 
 import dataclasses
 
@@ -10,7 +10,7 @@ from .. import geometry, ranges
 from ..metrics.build import EGO
 from ..scenario import ObjectType
 from ..scene import Scene
-from .base import Controls
+from .base import Controls, State
 from .starts import StartScene
 
 LOTS = 1  # what the key of an episode is folded with to draw lots
@@ -79,6 +79,30 @@ def moving_vehicles(config: MovingConfig = MovingConfig()) -> Controls:
         return mask & (jnp.cumsum(mask) <= config.max_objects)
 
     return controls
+
+
+def num_actors(max_actors: int | None, num_objects: int) -> int:
+    """Returns how many actors a world of so many objects has, empty seats included."""
+    return num_objects if max_actors is None else min(max_actors, num_objects)
+
+
+def actors(max_actors: int | None, state: State) -> Int[Array, " actors"]:
+    """Returns the numbers of the objects that may act in an episode.
+
+    Args:
+        max_actors: of a world: so many seats, for whom the teams control; None: one for
+            each object.
+        state: of the world.
+
+    Returns:
+        The numbers, rising; that of no object where a seat is empty, the count of all.
+    """
+    num_objects = len(state.admitted)
+    seats = num_actors(max_actors, num_objects)
+    if seats == num_objects:
+        return jnp.arange(num_objects)
+    (numbers,) = jnp.nonzero(state.controlled, size=seats, fill_value=num_objects)
+    return numbers
 
 
 def share(controls: Controls, fraction: float, first: float = 0.0) -> Controls:

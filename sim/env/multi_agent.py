@@ -1,7 +1,8 @@
 """Plays a scenario with any of its objects under control (W 4.3; N 3.2).
 
 An action is a tuple: of each team one action per object of the scenario. Actions of
-objects that a team does not control, or that are not there, change nothing.
+objects that a team does not control, or that are not there, change nothing. Where few
+of many objects act, `max_actors` has only those few observed.
 
 A controlled object stays from its first valid step to the end of the log, or until it
 is removed: then it is neither seen nor hit any more. The step that removes it still
@@ -24,7 +25,7 @@ from ..observations.base import Observation, Observer
 from ..rewards import Reward
 from ..scene import Scene
 from ..sim_agents.base import Carry, SimAgent
-from . import world
+from . import controlled, world
 from .base import Act, Environment, State, Team, Timestep
 from .starts import AS_LOGGED, StartConfig
 
@@ -35,6 +36,7 @@ class MultiAgentConfig:
 
     remove_at: tuple[str, ...] = ()  # metrics that end an object's part where positive
     joins_later: bool = True  # whether objects appear after the start, as in the log
+    max_actors: int | None = None  # the first ones are controlled; None: all
     starts: StartConfig = AS_LOGGED
 
 
@@ -52,7 +54,7 @@ def multi_agent(
         teams: who is controlled, and by which dynamics; an object that several claim
             belongs to the first.
         sim_agent: drives all others.
-        observer: what each object sees.
+        observer: what each actor sees.
         reward: of each object, of the state after the action.
         metrics: what is measured of each object.
         config: who takes part, and until when.
@@ -64,8 +66,16 @@ def multi_agent(
     _check(teams, metrics, config)
 
     def reset(bank: Bank, index: Int[Array, ""], key: PRNGKeyArray) -> State:
-        history, starts = observer.history, config.starts
-        state = world.begin(bank, index, key, teams, sim_agent, history, starts)
+        state = world.begin(
+            bank,
+            index,
+            key,
+            teams,
+            sim_agent,
+            observer.history,
+            config.starts,
+            config.max_actors,
+        )
         late = state.admitted if config.joins_later else state.motion.valid
         return state.replace(admitted=late)
 
@@ -88,11 +98,13 @@ def multi_agent(
         return following.replace(admitted=admitted), timestep
 
     def observe(bank: Bank, state: State) -> Observation:
-        numbers, view = jnp.arange(len(state.admitted)), world.view(bank, state)
-        return jax.vmap(observer.observe, in_axes=(None, 0))(view, numbers)
+        numbers = controlled.actors(config.max_actors, state)
+        numbers = jnp.minimum(numbers, len(state.admitted) - 1)  # where a seat is empty
+        observe = jax.vmap(observer.observe, in_axes=(None, 0))
+        return observe(world.view(bank, state), numbers)
 
     spec = tuple(team.dynamics.action_spec for team in teams)
-    return Environment(spec, reset, step, observe)
+    return Environment(spec, reset, step, observe, config.max_actors)
 
 
 def _check(

@@ -27,6 +27,7 @@ def begin(
     sim_agent: SimAgent,
     history: int,
     config: StartConfig,
+    max_actors: int | None = None,
 ) -> State:
     """Returns a world at the start of an episode.
 
@@ -38,6 +39,7 @@ def begin(
         sim_agent: drives all others.
         history: steps before the start that the world remembers, from the log.
         config: when the episode begins, and how far off the log.
+        max_actors: how many the teams control together, the first ones; None: all.
     """
     key, step_key, noise_key = jax.random.split(key, 3)
     step = starts.choose(config, Scene(bank=bank, index=index), step_key)
@@ -46,7 +48,11 @@ def begin(
     for team in teams:
         masks.append(team.controls(scene) & free)
         free &= ~masks[-1]
-    motion = starts.disturb(config, scene.log_at(step), ~free, noise_key)
+    taken = jnp.any(jnp.stack(masks), axis=0)
+    if max_actors is not None:
+        taken &= jnp.cumsum(taken) <= max_actors
+        masks = [mask & taken for mask in masks]
+    motion = starts.disturb(config, scene.log_at(step), taken, noise_key)
     return State(
         index=index,
         step=step,

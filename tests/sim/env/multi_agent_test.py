@@ -39,6 +39,7 @@ DRIFT = 3e-3
 IDM = sim_agents.build("idm")
 ALL_CARS = (Team(dynamics.build("bicycle"), controlled.everyone),)
 
+RIDERS = controlled.of_type(ObjectType.PEDESTRIAN, ObjectType.CYCLIST)
 LATECOMER = Team(
     dynamics.build("bicycle"),
     lambda scene: scene.object_mask & (jnp.arange(NUM_OBJECTS) == LATE),
@@ -130,6 +131,32 @@ def test_who_does_not_act_gets_no_reward() -> None:
     is_car = np.asarray(cars(worlds.scene(bank, BUSY)))
     np.testing.assert_array_equal(timestep.reward > 0, timestep.acted)
     np.testing.assert_array_equal(timestep.acted.any(axis=0), is_car)
+
+
+@pytest.mark.parametrize("max_actors", [3, NUM_OBJECTS - 1])
+def test_the_first_of_the_controlled_have_the_seats(max_actors: int) -> None:
+    bank, team = worlds.bank("generated"), Team(dynamics.build("bicycle"), RIDERS)
+    env = env_of((team,), max_actors=max_actors)
+    every = env_of((team,))
+    state = env.reset(bank, jnp.int32(BUSY), jax.random.key(0))
+    whole = every.reset(bank, jnp.int32(BUSY), jax.random.key(0))
+    (wanted,) = np.nonzero(whole.teams[0])
+    assert len(wanted) in range(4, NUM_OBJECTS - 1)
+    taken = wanted[:max_actors]
+    np.testing.assert_array_equal(np.flatnonzero(state.teams[0]), taken)
+
+    numbers = controlled.actors(max_actors, state)
+    empty = np.full(max_actors - len(taken), NUM_OBJECTS)
+    np.testing.assert_array_equal(numbers, [*taken, *empty])
+    seen, all_seen = env.observe(bank, state), every.observe(bank, whole)
+    of_seats = (
+        jax.tree.map(lambda leaf: leaf[: len(taken)], seen),
+        jax.tree.map(lambda leaf: leaf[taken], all_seen),
+    )
+    assert_equal(*of_seats)
+    np.testing.assert_array_equal(
+        controlled.actors(None, whole), np.arange(NUM_OBJECTS)
+    )
 
 
 def test_the_gradient_survives_actions_that_change_nothing() -> None:
