@@ -72,7 +72,10 @@ class TrajectoryHead(nnx.Module):
         self.cross, self.among = nnx.List(blocks()), nnx.List(blocks())
         self.norm = nnx.LayerNorm(width, rngs=rngs)
         num_values = config.num_steps * 3
-        self.logit = nnx.Linear(width, 1, kernel_init=LAST_KERNEL, rngs=rngs)
+        # No bias: it would shift all logits alike, which their softmax does not see.
+        self.logit = nnx.Linear(
+            width, 1, use_bias=False, kernel_init=LAST_KERNEL, rngs=rngs
+        )
         self.step = nnx.Linear(width, num_values, kernel_init=LAST_KERNEL, rngs=rngs)
         self.raw_scale = nnx.Linear(
             width, num_values, kernel_init=LAST_KERNEL, rngs=rngs

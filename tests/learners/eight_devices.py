@@ -12,13 +12,12 @@ from drivetrain.agents.encoders.flat import FlatConfig
 from drivetrain.learners import mesh as meshes, optim, program
 from drivetrain.learners.base import Bank, Learner
 from drivetrain.learners.bc import CloningConfig, behavior_cloning
-from drivetrain.learners.ppo import ppo
 from drivetrain.sim.data import bank as banks
 from drivetrain.sim.dynamics import build as dynamics
 from drivetrain.sim.env.demonstrations import demonstrations
 from drivetrain.sim.observations.vector import vector
 from tests import worlds
-from tests.learners import apg_test, crowd, dqn_test, ppo_test, probes
+from tests.learners.every import LEARNERS
 from tests.sim.env.planning_test import SMALL, env_of
 
 UPDATES = 10
@@ -42,31 +41,10 @@ def cloning(mesh: Mesh) -> tuple[Learner, Bank]:
     return behavior_cloning(agent, sample, optim.adam(config), config), bank
 
 
-def valuing(mesh: Mesh) -> tuple[Learner, Bank]:
-    """Learns values, imitation included."""
-    settings = dqn_test.config(
-        strata=8, imitation_weight=0.5, batch_size=32, num_worlds=16
-    )
-    made = dqn_test.learner(probes.VALUE, settings, dqn_test.expert)
-    return made, meshes.shard(mesh, probes.bank(mesh.size))
-
-
-def playing(mesh: Mesh) -> tuple[Learner, Bank]:
-    """Plays with many actors that remember."""
-    config, env = ppo_test.CONFIG, crowd.environment()
-    made = ppo(
-        ppo_test.GRU,
-        lambda past: env,
-        ppo_test.no_sample,
-        optim.adam(config),
-        config,
-    )
-    return made, meshes.shard(mesh, probes.bank(mesh.size))
-
-
-def following(mesh: Mesh) -> tuple[Learner, Bank]:
-    """Follows the slope of the reward."""
-    return apg_test.learner(), meshes.shard(mesh, probes.bank(mesh.size))
+def small(name: str) -> Callable[[Mesh], tuple[Learner, Bank]]:
+    """Returns what builds one of the small learners."""
+    build, bank_of = LEARNERS[name]
+    return lambda mesh: (build(), meshes.shard(mesh, bank_of(mesh.size)))
 
 
 def after(build: Callable[[Mesh], tuple[Learner, Bank]], num_devices: int) -> dict:
@@ -93,15 +71,9 @@ def after(build: Callable[[Mesh], tuple[Learner, Bank]], num_devices: int) -> di
 
 def main() -> None:
     """Prints what each learner has become on one device, and on several."""
-    found = {
-        name: [after(build, count) for count in (1, several)]
-        for name, build, several in (
-            ("bc", cloning, 2),
-            ("dqn", valuing, 8),
-            ("ppo", playing, 8),
-            ("apg", following, 8),
-        )
-    }
+    found = {"bc": [after(cloning, count) for count in (1, 2)]}
+    for name in ("dqn", "ppo", "apg"):
+        found[name] = [after(small(name), count) for count in (1, 8)]
     print(json.dumps(found))
 
 

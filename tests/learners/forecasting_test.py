@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from drivetrain.agents import build as agents, plan
+from drivetrain.agents.base import Agent
 from drivetrain.agents.build import AgentConfig
 from drivetrain.agents.encoders.wayformer import WayformerConfig
 from drivetrain.agents.heads.trajectory import TrajectoryConfig
 from drivetrain.agents.planner import PlannerConfig
 from drivetrain.agents.trajectories import Trajectories
 from drivetrain.learners import acting, bc, forecasting, mesh as meshes, optim, program
+from drivetrain.learners.base import Learner
 from drivetrain.learners.evaluator import compile_evaluator
 from drivetrain.sim.env.futures import Future
 from tests import worlds
@@ -28,6 +30,7 @@ SMALL = AgentConfig(
     ),
     planner=PlannerConfig(num_steps=2, num_modes=2),
 )
+CONFIG = forecasting.ForecastConfig(batch_size=64, learning_rate=1e-2)
 
 
 def test_the_loss_and_its_companions_by_hand() -> None:
@@ -64,11 +67,19 @@ def forked(bank, stratum, key) -> Future:
     )
 
 
+def learner_of(agent: Agent, optimizer: optim.Optimizer) -> Learner:
+    return forecasting.forecasting(agent, forked, optimizer, CONFIG)
+
+
+def forecaster() -> Agent:
+    observation = forked(None, None, jax.random.key(0)).observation
+    return agents.build(SMALL, observation, plan.ACTION_SPEC, "trajectories")
+
+
 def test_it_learns_both_ways_of_a_fork() -> None:
     observation = forked(None, None, jax.random.key(0)).observation
-    agent = agents.build(SMALL, observation, plan.ACTION_SPEC, "trajectories")
-    config = forecasting.ForecastConfig(batch_size=64, learning_rate=1e-2)
-    learner = forecasting.forecasting(agent, forked, optim.adam(config), config)
+    agent = forecaster()
+    learner = learner_of(agent, optim.adam(CONFIG))
     mesh = meshes.data_mesh()
     run = program.compile_program(learner, mesh, updates_per_call=300)
     bank = meshes.shard(mesh, toy.bank(mesh.size))

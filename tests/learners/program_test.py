@@ -5,16 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from drivetrain.learners import mesh as meshes, optim, program
+from drivetrain.learners import mesh as meshes, program
 from drivetrain.learners.base import Bank, Learner, Metrics, TrainState, one
-from drivetrain.learners.bc import CloningConfig, behavior_cloning
-from tests.learners import toy
-
-
-def cloning() -> Learner:
-    optimizer = optim.adam(optim.OptimizerConfig())
-    sample, config = toy.sampler(toy.sign), CloningConfig(batch_size=8)
-    return behavior_cloning(toy.linear_agent(), sample, optimizer, config)
+from tests.learners import every, toy
+from tests.learners.every import LEARNERS
 
 
 def counting_learner(traces: list[None]) -> Learner:
@@ -67,7 +61,7 @@ def test_many_calls_are_traced_and_compiled_once() -> None:
 
 def test_updates_need_nothing_from_the_host() -> None:
     mesh = meshes.data_mesh()
-    learner = cloning()
+    learner = every.cloning()
     run = program.compile_program(learner, mesh, updates_per_call=2)
     on_host = toy.bank(mesh.size)
     bank = meshes.shard(mesh, on_host)
@@ -80,9 +74,27 @@ def test_updates_need_nothing_from_the_host() -> None:
             run(state, jax.tree.map(np.asarray, on_host))
 
 
+@pytest.mark.parametrize("name", LEARNERS)
+def test_no_learner_calls_the_host(name: str) -> None:
+    mesh = meshes.data_mesh()
+    build, bank_of = LEARNERS[name]
+    learner, bank = build(), meshes.shard(mesh, bank_of(mesh.size))
+    state = program.initial_state(learner, mesh, jax.random.key(0), bank)
+    run = program.compile_program(learner, mesh, updates_per_call=2)
+    assert "callback" not in run.lower(state, bank).as_text()
+
+
+def test_a_call_to_the_host_would_be_seen() -> None:
+    def shout(x: jax.Array) -> jax.Array:
+        jax.debug.print("{}", x)
+        return x
+
+    assert "callback" in jax.jit(shout).lower(1.0).as_text()
+
+
 def test_the_state_given_is_donated() -> None:
     mesh = meshes.data_mesh()
-    learner = cloning()
+    learner = every.cloning()
     run = program.compile_program(learner, mesh, updates_per_call=1)
     bank = meshes.shard(mesh, toy.bank(mesh.size))
     state = program.initial_state(learner, mesh, jax.random.key(0), bank)

@@ -8,40 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from drivetrain.learners import acting, bc, mesh as meshes, optim, ppo, program, seeds
+from drivetrain.learners import acting, mesh as meshes, program, seeds
 from drivetrain.learners.base import Bank, Learner, TrainState
-from tests.learners import apg_test, crowd, dqn_test, ppo_test, probes, toy
 from tests.learners.checkpoint_test import assert_same
+from tests.learners.every import LEARNERS
 
 # Sums of float32 in another order, over ten updates with steps of at most 0.03.
 ROUNDING = 1e-4
 UPDATES = 10
-
-
-def cloning() -> Learner:
-    config = bc.CloningConfig(batch_size=16, learning_rate=1e-2)
-    sample = toy.sampler(toy.sign)
-    return bc.behavior_cloning(toy.linear_agent(), sample, optim.adam(config), config)
-
-
-def valuing() -> Learner:
-    return dqn_test.learner(probes.BOOTSTRAPPING, dqn_test.config())
-
-
-def playing() -> Learner:
-    config, env = ppo_test.CONFIG, crowd.environment()
-    optimizer = optim.adam(config)
-    return ppo.ppo(
-        ppo_test.GRU, lambda past: env, ppo_test.no_sample, optimizer, config
-    )
-
-
-LEARNERS = {
-    "bc": (cloning, toy.bank),
-    "dqn": (valuing, probes.bank),
-    "ppo": (playing, probes.bank),
-    "apg": (apg_test.learner, probes.bank),
-}
 
 
 def trained(
