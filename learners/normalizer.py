@@ -15,7 +15,7 @@ class Normalizer(Record):
 
     Sums of float32 stop growing at some 1e11 values; from there on newer ones replace
     older ones, which is what is wanted of returns anyway. As the moments move, so does
-    what a normalized value means: a critic must go on learning to keep up.
+    what a normalized value means: `change_from` tells what is to become of a critic.
     """
 
     count: Float[Array, ""]
@@ -35,6 +35,21 @@ class Normalizer(Record):
     def restore(self, values: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
         """Returns the values of which normalized ones are given."""
         return values * self.deviation() + self.mean
+
+    def change_from(
+        self, older: "Normalizer"
+    ) -> tuple[Float[Array, ""], Float[Array, ""]]:
+        """Returns factor f and offset o by which values keep what they mean.
+
+            f = s / s',    o = (m - m') / s'
+
+        of mean m and deviation s before, m' and s' now: a value v that was normalized
+        by the older moments is f v + o by these. If those had seen nothing, a value
+        meant nothing yet, and stays.
+        """
+        deviation, known = self.deviation(), older.count > 0
+        factor = jnp.where(known, older.deviation() / deviation, 1.0)
+        return factor, jnp.where(known, (older.mean - self.mean) / deviation, 0.0)
 
 
 def begin() -> Normalizer:

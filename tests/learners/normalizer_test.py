@@ -47,6 +47,21 @@ def test_two_values_by_hand() -> None:
     np.testing.assert_array_equal(normalizer.restore(jnp.array([-2.0, 0.0])), [1, 7])
 
 
+def test_a_changed_value_means_what_it_meant() -> None:
+    older = Normalizer(
+        count=jnp.float32(4), mean=jnp.float32(2), squares=jnp.float32(36)
+    )
+    newer = Normalizer(
+        count=jnp.float32(9), mean=jnp.float32(-5), squares=jnp.float32(9)
+    )
+    factor, offset = newer.change_from(older)
+    assert (factor, offset) == (3, 7)  # deviations 3 and 1, means 7 apart
+    values = jnp.array([-1.0, 0.0, 2.5])
+    changed = factor * values + offset
+    np.testing.assert_array_equal(newer.restore(changed), older.restore(values))
+    assert newer.change_from(normalizers.begin()) == (1, 0)
+
+
 def test_one_that_has_seen_nothing_changes_nothing() -> None:
     values = jnp.array([-3.0, 5.0])
     np.testing.assert_array_equal(normalizers.begin().normalize(values), values)

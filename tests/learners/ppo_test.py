@@ -37,7 +37,13 @@ def output(values: jax.Array) -> Output:
     return Output(policy=Categorical(logits=values[:2]), value=values[2])
 
 
-LINEAR, GRU = probes.linear_agent(output, 3), recurrent.gru_agent()
+def revalue(params, factor, offset):
+    table = params["table"]  # of which each observation has one row
+    return {"table": table.at[:, 2].set(factor * table[:, 2] + offset)}
+
+
+LINEAR = dataclasses.replace(probes.linear_agent(output, 3), revalue=revalue)
+GRU = recurrent.gru_agent()
 
 
 def no_sample(bank: Bank, stratum: Stratum, key: jax.Array) -> Demonstration:
@@ -91,6 +97,21 @@ def test_values_are_learned(advantage: str, probe: Probe, values: dict) -> None:
     for (step, sign), expected in values.items():
         found = value(LINEAR, state, probe, step, sign)
         assert abs(found - expected) < LEARNED * max(1, abs(expected))
+
+
+def test_values_stay_as_they_are_when_nothing_more_is_learned() -> None:
+    # The moments go on moving while the rate goes to zero, and values with them.
+    config = dataclasses.replace(CONFIG, decay_updates=200)
+    env = probes.environment(probes.TRUNCATION)
+    state, _ = train(LINEAR, env, config, num_updates=150)
+    found = value(LINEAR, state, probes.TRUNCATION, 0, 1.0)
+    assert abs(found - 1 / (1 - GAMMA)) < LEARNED / (1 - GAMMA)
+
+
+def test_an_agent_whose_values_cannot_be_normalized_is_refused() -> None:
+    agent = dataclasses.replace(LINEAR, revalue=None)
+    with pytest.raises(ValueError, match="normalizes_values=false"):
+        train(agent, probes.environment(probes.VALUE))
 
 
 @pytest.mark.parametrize(
