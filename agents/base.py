@@ -30,12 +30,8 @@ class Agent:
     `init(key)` draws parameters. `memory()` is what it remembers before the first step
     of an episode, nothing for most. `step(params, memory, observation)` is what it
     remembers after an observation, and what it makes of it.
-
-    Where there is a critic, `revalue(params, factor, offset)` are parameters by which
-    every value v has become factor v + offset, and all else is as it was.
     """
 
     init: Callable[[Key[Array, ""]], Params]
     memory: Callable[[], Memory]
     step: Callable[[Params, Memory, Observation], tuple[Memory, Output]]
-    revalue: Callable[[Params, Array, Array], Params] | None = None

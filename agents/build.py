@@ -202,14 +202,4 @@ def build(
         state = nnx.restore_int_paths(params)
         return nnx.merge(graphdef, state)(memory, observation)
 
-    def revalue(
-        params: Params, factor: Float[Array, ""], offset: Float[Array, ""]
-    ) -> Params:
-        network = nnx.merge(graphdef, nnx.restore_int_paths(params))
-        network.critic.change(factor, offset)
-        return nnx.to_pure_dict(nnx.state(network))
-
-    has_critic = kind == "actor_critic"
-    return Agent(
-        init=init, memory=memory, step=step, revalue=revalue if has_critic else None
-    )
+    return Agent(init=init, memory=memory, step=step)

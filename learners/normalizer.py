@@ -8,24 +8,23 @@ from ..sim.records import Record
 
 # Returns nearer to each other count as that far apart: the first ones may be constant.
 LEAST_DEVIATION = 1e-2
+LEAST_SHARE = 0.0  # of what is seen at one time, in all that was seen
 
 
 class Normalizer(Record):
-    """The moments of all values seen so far.
+    """The moments of the values seen so far, the older ones fading.
 
-    Sums of float32 stop growing at some 1e11 values; from there on newer ones replace
-    older ones, which is what is wanted of returns anyway. As the moments move, so does
-    what a normalized value means: `change_from` tells what is to become of a critic.
+    As the moments move, so does what a normalized value means: they must follow faster
+    than a critic learns, or it ends off by what they had still to go.
     """
 
-    count: Float[Array, ""]
+    count: Float[Array, ""]  # of all seen
     mean: Float[Array, ""]
-    squares: Float[Array, ""]  # summed, of the distances to the mean
+    variance: Float[Array, ""]
 
     def deviation(self) -> Float[Array, ""]:
         """Returns the standard deviation, 1 as long as nothing was seen."""
-        variance = self.squares / jnp.maximum(self.count, 1.0)
-        variance = jnp.maximum(variance, LEAST_DEVIATION**2)
+        variance = jnp.maximum(self.variance, LEAST_DEVIATION**2)
         return jnp.where(self.count > 0, jnp.sqrt(variance), 1.0)
 
     def normalize(self, values: Float[Array, "*batch"]) -> Float[Array, "*batch"]:
@@ -36,26 +35,11 @@ class Normalizer(Record):
         """Returns the values of which normalized ones are given."""
         return values * self.deviation() + self.mean
 
-    def change_from(
-        self, older: "Normalizer"
-    ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-        """Returns factor f and offset o by which values keep what they mean.
-
-            f = s / s',    o = (m - m') / s'
-
-        of mean m and deviation s before, m' and s' now: a value v that was normalized
-        by the older moments is f v + o by these. If those had seen nothing, a value
-        meant nothing yet, and stays.
-        """
-        deviation, known = self.deviation(), older.count > 0
-        factor = jnp.where(known, older.deviation() / deviation, 1.0)
-        return factor, jnp.where(known, (older.mean - self.mean) / deviation, 0.0)
-
 
 def begin() -> Normalizer:
     """Returns the normalizer that has seen nothing and changes nothing."""
     zero = jnp.float32(0.0)
-    return Normalizer(count=zero, mean=zero, squares=zero)
+    return Normalizer(count=zero, mean=zero, variance=zero)
 
 
 def see(
@@ -66,20 +50,23 @@ def see(
 ) -> Normalizer:
     """Returns the normalizer that has seen the values of all devices too.
 
-    Two sets of n_A and n_B values with means m and squared distances S make one of
+    Two sets with means m and variances v, the newer one a share w of both, make one of
 
-        d = m_B - m_A,    n = n_A + n_B
-        m = m_A + d n_B / n,    S = S_A + S_B + d^2 n_A n_B / n
+        d = m_B - m_A,    m = m_A + w d,    v = (1 - w) v_A + w v_B + w (1 - w) d^2
 
-    (Chan, Golub and LeVeque 1983, equation 2.1).
+    (Chan, Golub and LeVeque 1983, equation 2.1). The share is n_B / (n_A + n_B) of
+    their counts, until that falls below `LEAST_SHARE`.
     """
     count, mean, squares = moments(values, mask, axis_name)
-    total = jnp.maximum(normalizer.count + count, 1.0)
-    share, distance = count / total, mean - normalizer.mean
+    total = normalizer.count + count
+    share = jnp.maximum(count / jnp.maximum(total, 1.0), LEAST_SHARE)
+    share = jnp.where(count > 0, share, 0.0)
+    distance, variance = mean - normalizer.mean, squares / jnp.maximum(count, 1.0)
+    rest = (1 - share) * (normalizer.variance + share * distance**2)
     return Normalizer(
-        count=normalizer.count + count,
-        mean=normalizer.mean + distance * share,
-        squares=normalizer.squares + squares + distance**2 * normalizer.count * share,
+        count=total,
+        mean=normalizer.mean + share * distance,
+        variance=rest + share * variance,
     )
 
 

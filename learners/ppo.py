@@ -44,7 +44,7 @@ class PPOConfig(optim.OptimizerConfig, AppraisalConfig, RehearsalConfig):
     num_worlds: int = 256  # over all devices
     steps_per_update: int = 32  # in each world
     strata: int = 8  # equal parts of the worlds; the number of devices must divide it
-    normalizes_values: bool = True  # by the moments of all returns seen (PopArt)
+    normalizes_values: bool = True  # by the moments of the latest returns
     num_pasts: int = 0  # past selves kept; if 0, sim agents get the present one
     past_every: int = 100  # updates, after which the present self becomes a past one
 
@@ -104,9 +104,8 @@ def ppo(
     steps of a world in a row; one without learns from single steps.
 
     Departs from the paper where the config says so: the critic learns normalized
-    returns, and its last layer follows their moments, so that no value changes (van
-    Hasselt et al. 2016, equations 3 to 5); and an update is over at the minibatch whose
-    mean of (r - 1) - log r exceeds a limit, before its step.
+    returns, and an update is over at the minibatch whose mean of (r - 1) - log r
+    exceeds a limit, before its step.
 
     Args:
         agent: the policy and its critic.
@@ -116,16 +115,9 @@ def ppo(
         config: how much of all.
 
     Raises:
-        ValueError: if minibatches would not get equal parts of each stratum, or values
-            are to be normalized of an agent that has no `revalue`.
+        ValueError: if minibatches would not get equal parts of each stratum.
     """
     _check_minibatches(agent, config)
-    revalue = agent.revalue if config.normalizes_values else None
-    if config.normalizes_values and revalue is None:
-        raise ValueError(
-            "the agent's values cannot be normalized, for it does not say how to "
-            "revalue itself; set learner.normalizes_values=false."
-        )
     pupil = Pupil(agent=agent, sample=sample, optimizer=optimizer, config=config)
 
     def init(key: Key[Array, ""], bank: Bank, axis_name: str) -> TrainState:
@@ -172,17 +164,15 @@ def ppo(
         told = jax.tree.map(lambda leaf: jax.lax.psum(leaf[0], axis_name), seen.told)
         worth = appraisal.appraise(config, agent, params, kept.normalizer, study)
         told["explained_variance"] = _explained(kept, study, worth, axis_name)
-        if revalue is not None:
-            # Before the critic learns, so that it learns on the scale it is asked on.
+        if config.normalizes_values:
+            # Before the critic learns: values that it has not learned as they are now
+            # normalized would be what the next returns are told from.
             mask, target = study.sequence.mask, worth.target
             normalizer = normalizers.see(kept.normalizer, target, mask, axis_name)
-            params = revalue(params, *normalizer.change_from(kept.normalizer))
             kept = kept.replace(normalizer=normalizer)
 
         lessons_of = _lessons(agent, config, kept.normalizer, study, worth, share)
-        bare = train_state.replace(
-            key=learn_key, params=params, step=kept.gradient_steps
-        )
+        bare = train_state.replace(key=learn_key, step=kept.gradient_steps)
         learned, metrics = rehearsal.rehearse(
             pupil, bare.replace(kept=(), worlds=()), bank, share, lessons_of, axis_name
         )

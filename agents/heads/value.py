@@ -16,10 +16,3 @@ class ValueHead(nnx.Module):
     def __call__(self, features: Float[Array, " features"]) -> Float[Array, ""]:
         """Returns the value given the features of one observation."""
         return self.value(features)[0]
-
-    def change(self, factor: Float[Array, ""], offset: Float[Array, ""]) -> None:
-        """Makes of every value v that it returns factor v + offset."""
-        kernel, bias = self.value.kernel, self.value.bias
-        assert bias is not None
-        kernel[...] = factor * kernel[...]
-        bias[...] = factor * bias[...] + offset

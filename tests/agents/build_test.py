@@ -94,21 +94,6 @@ def test_critics_share_all_but_the_last_layer_with_the_policy() -> None:
     assert shapes[0] == shapes[1]
 
 
-def test_a_critic_revalues_itself_and_nothing_else() -> None:
-    agent = build.build(SMALL, OBSERVATION, BOUNDS, "actor_critic")
-    params = agent.init(jax.random.key(0))
-    assert agent.revalue is not None
-    changed = agent.revalue(params, jnp.float32(3), jnp.float32(-2))
-    before, after = (agent.step(p, (), OBSERVATION)[1] for p in (params, changed))
-    # A sum of some numbers of order one, in float32.
-    np.testing.assert_allclose(after.value, 3 * before.value - 2, atol=1e-5)
-    assert jax.tree.structure(changed) == jax.tree.structure(params)
-    others = {name: part for name, part in params.items() if name != "critic"}
-    kept = {name: changed[name] for name in others}
-    jax.tree.map(np.testing.assert_array_equal, kept, others)
-    assert build.build(SMALL, OBSERVATION, BOUNDS).revalue is None
-
-
 def test_memory_of_the_last_step_changes_the_next_and_starts_at_zero() -> None:
     config = AgentConfig(
         encoder=FlatConfig(widths=(8,)), num_hidden_layers=0, memory_width=6

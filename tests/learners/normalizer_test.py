@@ -47,19 +47,16 @@ def test_two_values_by_hand() -> None:
     np.testing.assert_array_equal(normalizer.restore(jnp.array([-2.0, 0.0])), [1, 7])
 
 
-def test_a_changed_value_means_what_it_meant() -> None:
-    older = Normalizer(
-        count=jnp.float32(4), mean=jnp.float32(2), squares=jnp.float32(36)
-    )
-    newer = Normalizer(
-        count=jnp.float32(9), mean=jnp.float32(-5), squares=jnp.float32(9)
-    )
-    factor, offset = newer.change_from(older)
-    assert (factor, offset) == (3, 7)  # deviations 3 and 1, means 7 apart
-    values = jnp.array([-1.0, 0.0, 2.5])
-    changed = factor * values + offset
-    np.testing.assert_array_equal(newer.restore(changed), older.restore(values))
-    assert newer.change_from(normalizers.begin()) == (1, 0)
+def test_what_was_seen_long_ago_fades() -> None:
+    normalizer, everything = normalizers.begin(), jnp.ones((8, 1), bool)
+    later = 100
+    for value in [0.0] * later + [10.0] * later:
+        normalizer = see(normalizer, jnp.full((8, 1), value), everything)
+    left = (1 - normalizers.LEAST_SHARE) ** later
+    np.testing.assert_allclose(normalizer.mean, 10 * (1 - left), rtol=ROUNDING)
+    # Of a mixture of tens and noughts, in the shares of what is left of each.
+    expected = 10 * np.sqrt(left * (1 - left))
+    np.testing.assert_allclose(normalizer.deviation(), expected, rtol=1e-3)
 
 
 def test_one_that_has_seen_nothing_changes_nothing() -> None:

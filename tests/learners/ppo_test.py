@@ -37,13 +37,7 @@ def output(values: jax.Array) -> Output:
     return Output(policy=Categorical(logits=values[:2]), value=values[2])
 
 
-def revalue(params, factor, offset):
-    table = params["table"]  # of which each observation has one row
-    return {"table": table.at[:, 2].set(factor * table[:, 2] + offset)}
-
-
-LINEAR = dataclasses.replace(probes.linear_agent(output, 3), revalue=revalue)
-GRU = recurrent.gru_agent()
+LINEAR, GRU = probes.linear_agent(output, 3), recurrent.gru_agent()
 
 
 def no_sample(bank: Bank, stratum: Stratum, key: jax.Array) -> Demonstration:
@@ -99,19 +93,13 @@ def test_values_are_learned(advantage: str, probe: Probe, values: dict) -> None:
         assert abs(found - expected) < LEARNED * max(1, abs(expected))
 
 
-def test_values_stay_as_they_are_when_nothing_more_is_learned() -> None:
-    # The moments go on moving while the rate goes to zero, and values with them.
-    config = dataclasses.replace(CONFIG, decay_updates=200)
-    env = probes.environment(probes.TRUNCATION)
-    state, _ = train(LINEAR, env, config, num_updates=150)
-    found = value(LINEAR, state, probes.TRUNCATION, 0, 1.0)
-    assert abs(found - 1 / (1 - GAMMA)) < LEARNED / (1 - GAMMA)
-
-
-def test_an_agent_whose_values_cannot_be_normalized_is_refused() -> None:
-    agent = dataclasses.replace(LINEAR, revalue=None)
-    with pytest.raises(ValueError, match="normalizes_values=false"):
-        train(agent, probes.environment(probes.VALUE))
+def test_values_stay_right_when_the_rate_decays() -> None:
+    # Returns go on growing meanwhile, and what normalized values mean with them.
+    config = dataclasses.replace(CONFIG, decay_updates=640)
+    env, probe = probes.environment(probes.TRUNCATION), probes.TRUNCATION
+    state, _ = train(LINEAR, env, config, num_updates=100)
+    found, expected = value(LINEAR, state, probe, 0, 1.0), 1 / (1 - GAMMA)
+    assert abs(found - expected) < LEARNED * expected
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,6 @@ def gru_agent() -> Agent:
             "gates": scale * jax.random.normal(gate_key, (num_inputs, 2 * WIDTH)),
             "new": scale * jax.random.normal(new_key, (num_inputs, WIDTH)),
             "out": 0.1 * jax.random.normal(out_key, (WIDTH + probes.NUM_FEATURES, 3)),
-            "bias": jnp.zeros(3),
         }
 
     def step(
@@ -33,14 +32,7 @@ def gru_agent() -> Agent:
         keep, use = gates[:WIDTH], gates[WIDTH:]
         new = jnp.tanh(jnp.append(seen, use * memory) @ params["new"])
         memory = keep * memory + (1 - keep) * new
-        values = jnp.append(seen, memory) @ params["out"] + params["bias"]
+        values = jnp.append(seen, memory) @ params["out"]
         return memory, Output(policy=Categorical(logits=values[:2]), value=values[2])
 
-    def revalue(params, factor, offset):
-        out, bias = params["out"], params["bias"]
-        return params | {
-            "out": out.at[:, 2].multiply(factor),
-            "bias": bias.at[2].set(factor * bias[2] + offset),
-        }
-
-    return Agent(init=init, memory=lambda: jnp.zeros(WIDTH), step=step, revalue=revalue)
+    return Agent(init=init, memory=lambda: jnp.zeros(WIDTH), step=step)
