@@ -95,7 +95,7 @@ def test_values_are_learned(advantage: str, probe: Probe, values: dict) -> None:
 
 def test_values_stay_right_when_the_rate_decays() -> None:
     # Returns go on growing meanwhile, and what normalized values mean with them.
-    config = dataclasses.replace(CONFIG, decay_updates=640)
+    config = dataclasses.replace(CONFIG, decay_updates=320)
     env, probe = probes.environment(probes.TRUNCATION), probes.TRUNCATION
     state, _ = train(LINEAR, env, config, num_updates=100)
     found, expected = value(LINEAR, state, probe, 0, 1.0), 1 / (1 - GAMMA)
