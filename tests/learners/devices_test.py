@@ -17,7 +17,7 @@ def results() -> dict:
     return many_devices.run("eight_devices", 8)
 
 
-@pytest.mark.parametrize("name", ["bc", "dqn", "ppo", "apg"])
+@pytest.mark.parametrize("name", ["bc", "wayformer", "dqn", "ppo", "apg"])
 def test_several_devices_learn_what_one_does(name: str) -> None:
     one, several = results()[name]
     np.testing.assert_allclose(one["params"], several["params"], atol=REORDERED)
