@@ -8,7 +8,7 @@ from ..sim.records import Record
 
 # Returns nearer to each other count as that far apart: the first ones may be constant.
 LEAST_DEVIATION = 1e-2
-LEAST_SHARE = 0.0  # of what is seen at one time, in all that was seen
+LEAST_SHARE = 0.2  # of what is seen at one time, in all that was seen
 
 
 class Normalizer(Record):

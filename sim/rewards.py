@@ -1,7 +1,7 @@
 """Turns moments and their measures into rewards."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
@@ -74,20 +74,25 @@ def nocturne_dense() -> Reward:
 
 
 def shaped(
-    reward: Reward, potential: Potential, weight: float, discount: float
+    reward: Reward,
+    potential: Potential,
+    weight: float,
+    discount: float,
+    ends: Collection[str] = (),
 ) -> Reward:
     """Adds potential-based shaping to a reward (Ng, Harada & Russell 1999, eq. 2).
 
         F = w (gamma Phi(s') - Phi(s))
 
-    The best policies stay the best. Over an episode the discounted sum of F is
-    w (gamma^T Phi(s_T) - Phi(s_0)).
+    Where the task itself ends Phi(s') counts as 0: then the discounted sum of F is
+    -w Phi(s_0) whatever was done, and the best policies stay the best.
 
     Args:
         reward: to which F is added.
         potential: Phi, in metres.
         weight: w, what a metre is worth.
         discount: gamma, the same as the learner's.
+        ends: metrics that end the task where they are positive; all are measured.
 
     Raises:
         ValueError: if the discount lies outside 0 to 1, or the weight is not positive.
@@ -103,6 +108,9 @@ def shaped(
         scene, goal, step = moment.scene, moment.goal, moment.step
         value_t = potential(scene, goal, moment.before, step - 1, number)
         value_tp1 = potential(scene, goal, moment.after, step, number)
+        for name in ends:
+            has_ended = measures[name].valid & (measures[name].value > 0)
+            value_tp1 = jnp.where(has_ended, 0.0, value_tp1)
         nearer = discount * value_tp1 - value_t
         return reward(moment, number, measures) + weight * nearer
 

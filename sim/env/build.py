@@ -1,6 +1,7 @@
 """Builds a task from its config."""
 
 import dataclasses
+from collections.abc import Collection
 from dataclasses import field
 from typing import Literal
 
@@ -100,7 +101,8 @@ def build(
         controls: in self-play, who is controlled, instead of all that the config says.
     """
     others = sim_agent or sim_agents.build(config.sim_agent)
-    reward, metrics = reward_of(config.reward, config.shaping)
+    ends = () if isinstance(config, PlanningConfig) else config.remove_at
+    reward, metrics = reward_of(config.reward, config.shaping, ends)
     if isinstance(config, PlanningConfig):
         return planning(dynamics, others, observer, reward, metrics, config.starts)
     return multi_agent(
@@ -119,9 +121,16 @@ def build(
 
 
 def reward_of(
-    config: RewardConfig, shaping: ShapingConfig | None = None
+    config: RewardConfig,
+    shaping: ShapingConfig | None = None,
+    ends: Collection[str] = (),
 ) -> tuple[Reward, tuple[Metric, ...]]:
     """Returns a reward, and the metrics to measure for it and for the record.
+
+    Args:
+        config: the reward without shaping.
+        shaping: what is paid besides.
+        ends: metrics that end the task where they are positive.
 
     Raises:
         ValueError: if a preset or a metric is unknown, or a number of shaping is out of
@@ -131,7 +140,7 @@ def reward_of(
     if shaping is None:
         return reward, metrics
     potential = POTENTIALS[shaping.towards]
-    shaped = rewards.shaped(reward, potential, shaping.weight, shaping.discount)
+    shaped = rewards.shaped(reward, potential, shaping.weight, shaping.discount, ends)
     return shaped, metrics
 
 

@@ -49,8 +49,8 @@ def test_two_values_by_hand() -> None:
 
 def test_what_was_seen_long_ago_fades() -> None:
     normalizer, everything = normalizers.begin(), jnp.ones((8, 1), bool)
-    later = 100
-    for value in [0.0] * later + [10.0] * later:
+    later = 10
+    for value in [0.0] * 100 + [10.0] * later:
         normalizer = see(normalizer, jnp.full((8, 1), value), everything)
     left = (1 - normalizers.LEAST_SHARE) ** later
     np.testing.assert_allclose(normalizer.mean, 10 * (1 - left), rtol=ROUNDING)

@@ -96,25 +96,31 @@ def test_the_gradient_of_the_dense_reward_is_finite_at_the_goal() -> None:
                 assert np.isfinite(getattr(gradient, name)).all()
 
 
+@pytest.mark.parametrize("is_over", [False, True])
 @pytest.mark.parametrize("discount", [1.0, 0.9])
 @pytest.mark.parametrize(
     "potential", [rewards.nearness_to_goal, rewards.nearness_to_log]
 )
-def test_shaping_adds_what_the_potential_gained(potential, discount: float) -> None:
+def test_shaping_adds_what_the_potential_gained(
+    potential, discount: float, is_over: bool
+) -> None:
     first = worlds.samples("generated")[0].moment
     steps = [int(first.step) + i for i in range(SHAPED_STEPS + 1)]
     logs = [worlds.log_at(first.scene, jnp.int32(step)) for step in steps]
     walk = [worlds.kicked(log, step) for log, step in zip(logs, steps, strict=True)]
     bumpy = rewards.weighted({"collision": 0.5})
-    reward = rewards.shaped(bumpy, potential, WEIGHT, discount)
-    bare = {"collision": measure(1.0)}
+    reward = rewards.shaped(bumpy, potential, WEIGHT, discount, ends=["goal"])
 
     @jax.jit
-    def gain(moment: Moment) -> jax.Array:
-        return reward(moment, EGO, bare) - 0.5
+    def gain(moment: Moment, reached: jax.Array) -> jax.Array:
+        measures = {"collision": measure(1.0), "goal": measure(reached)}
+        return reward(moment, EGO, measures) - 0.5
 
     gains = [
-        gain(first.replace(step=jnp.int32(s), before=b, after=a, logged=log))
+        gain(
+            first.replace(step=jnp.int32(s), before=b, after=a, logged=log),
+            jnp.float32(is_over and s == steps[-1]),
+        )
         for s, b, a, log in zip(steps[1:], walk, walk[1:], logs[1:], strict=False)
     ]
     ends = {"goal": [first.goal.motion] * 2, "log": [logs[0], logs[-1]]}
@@ -124,7 +130,7 @@ def test_shaping_adds_what_the_potential_gained(potential, discount: float) -> N
         for motion, place in zip((walk[0], walk[-1]), there, strict=True)
     )
     total = sum(float(g) * discount**t for t, g in enumerate(gains))
-    expected = WEIGHT * (discount**SHAPED_STEPS * after - before)
+    expected = WEIGHT * (discount**SHAPED_STEPS * after * (not is_over) - before)
     assert total == pytest.approx(expected, abs=SUM_ROUNDING)
     assert max(abs(float(g)) for g in gains) > 0.1  # else the walk proves nothing
 
