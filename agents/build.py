@@ -125,14 +125,24 @@ def _encoder(config: EncoderConfig, observation: Observation, rngs: nnx.Rngs):
 def _head(
     config: AgentConfig, width: int, spec: ActionSpec, kind: Kind, rngs: nnx.Rngs
 ) -> nnx.Module:
-    if kind != "action_values" and not config.factored:
+    has_values = kind == "action_values"
+    if has_values and config.factored:
+        raise ValueError(
+            "who values actions values each as a whole; set agent.factored=false."
+        )
+    if config.dueling and not has_values:
+        raise ValueError(
+            "only values of actions, as dqn learns them, are told in two parts; set "
+            "agent.dueling=false."
+        )
+    if not (has_values or config.factored):
         return policy_head(width, spec, config.num_components, rngs=rngs)
     if not isinstance(spec, Discrete):
         raise ValueError(
             "values of actions and factored choices need numbered actions, such as "
             "those of dynamics=bicycle_discrete"
         )
-    if kind != "action_values":
+    if not has_values:
         return FactoredCategoricalHead(width, spec.bins, rngs=rngs)
     head = DuelingHead if config.dueling else ActionValueHead
     return _ActionValues(head(width, spec.num_actions, rngs=rngs))

@@ -90,6 +90,7 @@ class Experiment:
                 "monitor.every must be a multiple of updates_per_call, got "
                 f"{self.monitor.every} and {self.updates_per_call}."
             )
+        self._check_opponents()
         shaping = self.task.shaping
         discount = getattr(self.learner, "discount", None)
         if shaping is not None and discount not in (None, shaping.discount):
@@ -99,6 +100,24 @@ class Experiment:
             )
         if not 0 <= self.seed < 2**32:
             raise ValueError(f"seed must be from 0 to 2^32 - 1, got {self.seed}.")
+
+    def _check_opponents(self) -> None:
+        """Refuses opponents who would not be met as the config says."""
+        mix, num_pasts = self.opponents, getattr(self.learner, "num_pasts", 0)
+        if mix != OpponentsConfig():
+            if not isinstance(self.task, tasks.SelfPlayConfig):
+                raise ValueError("opponents are met in self-play; set task.name.")
+            if self.task.sim_agent != "playback":
+                raise ValueError(
+                    "opponents say who drives the others, so task.sim_agent must be "
+                    f"playback, got {self.task.sim_agent}."
+                )
+        if bool(mix.past) != bool(num_pasts):
+            raise ValueError(
+                "past selves are kept and met, or neither: opponents.past and "
+                f"learner.num_pasts (of ppo) must both be 0 or neither, got {mix.past} "
+                f"and {num_pasts}."
+            )
 
     @property
     def source(self) -> loader.Source:

@@ -63,16 +63,34 @@ def behavior_cloning(
     `balance.weights`; with `label_smoothing`, the likelihood that of `losses.surprise`.
     Its metrics are the loss, `accuracy` or
     `absolute_error` (`losses.imitation_error`), and the optimizer's.
+
+    Raises:
+        ValueError: if the agent remembers.
     """
 
     def loss(params: Params, batch: Demonstration) -> tuple[Metrics, None]:
         return imitation(agent, params, batch, config.label_smoothing), None
 
+    require_no_memory(agent)
     per_stratum = config.batch_size // config.strata
     learner = from_logs(agent, sample, optimizer, config.strata, per_stratum, loss)
     if not config.class_balance:
         return learner
     return _balanced(learner, agent, sample, config.class_balance)
+
+
+def require_no_memory(agent: Agent) -> None:
+    """Refuses an agent that would learn from single steps what it is to do in a row.
+
+    Raises:
+        ValueError: if the agent remembers.
+    """
+    if jax.tree.leaves(jax.eval_shape(agent.memory)):
+        raise ValueError(
+            "demonstrations are single steps, from which an agent with memory learns "
+            "nothing of what it remembers; set agent.memory_width=0, or "
+            "learner.imitation_weight=0."
+        )
 
 
 def _balanced(

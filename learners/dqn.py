@@ -67,11 +67,11 @@ class DQNConfig(optim.OptimizerConfig, ExperienceConfig):
                 f"final_epsilon and initial_epsilon must be from 0 to 1 in this order, "
                 f"got {self.final_epsilon} and {self.initial_epsilon}."
             )
-        if not (self.imitation_weight >= 0 and self.margin >= 0):
-            raise ValueError(
-                f"imitation_weight and margin must not be negative, got "
-                f"{self.imitation_weight} and {self.margin}."
-            )
+        for name in ("imitation_weight", "margin"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ValueError(
+                    f"{name} must be at least 0 and finite, got {getattr(self, name)}."
+                )
         if not 0 < self.samples_per_insertion < math.inf:
             raise ValueError(
                 f"samples_per_insertion must be positive, got "
@@ -196,7 +196,7 @@ def double_dqn(
             step=num_updates + 1, key=key, worlds=worlds.replace(replay=after.worlds)
         )
         counts = {
-            "env_steps": kept.num_env_steps,
+            "env_steps": added,
             "replay_size": num_items,
             "epsilon": epsilon,
             "gradient_steps": num_steps,

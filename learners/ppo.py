@@ -15,6 +15,7 @@ from ..sim.env.demonstrations import Sample
 from ..sim.records import Record
 from . import (
     appraisal,
+    bc,
     normalizer as normalizers,
     optim,
     pasts,
@@ -45,7 +46,7 @@ class PPOConfig(optim.OptimizerConfig, AppraisalConfig, RehearsalConfig):
     steps_per_update: int = 32  # in each world
     strata: int = 8  # equal parts of the worlds; the number of devices must divide it
     normalizes_values: bool = True  # by the moments of the latest returns
-    num_pasts: int = 0  # past selves kept; if 0, sim agents get the present one
+    num_pasts: int = 0  # past selves kept, to be met by the present one
     past_every: int = 100  # updates, after which the present self becomes a past one
 
     def __post_init__(self) -> None:
@@ -115,9 +116,12 @@ def ppo(
         config: how much of all.
 
     Raises:
-        ValueError: if minibatches would not get equal parts of each stratum.
+        ValueError: if minibatches would not get equal parts of each stratum, or one who
+            remembers is to imitate.
     """
     _check_minibatches(agent, config)
+    if config.imitation_weight:
+        bc.require_no_memory(agent)
     pupil = Pupil(agent=agent, sample=sample, optimizer=optimizer, config=config)
 
     def init(key: Key[Array, ""], bank: Bank, axis_name: str) -> TrainState:

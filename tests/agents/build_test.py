@@ -114,11 +114,24 @@ def test_factored_actions_have_a_softmax_for_each_number() -> None:
     assert [len(logits) for logits in output.policy.logits] == [3, 5]
 
 
-@pytest.mark.parametrize("kind", ["policy", "action_values"])
-def test_heads_for_numbered_actions_refuse_others(kind: build.Kind) -> None:
-    config = dataclasses.replace(SMALL, factored=True)
+@pytest.mark.parametrize(
+    ("kind", "factored"), [("policy", True), ("action_values", False)]
+)
+def test_heads_for_numbered_actions_refuse_others(
+    kind: build.Kind, factored: bool
+) -> None:
+    config = dataclasses.replace(SMALL, factored=factored)
     with pytest.raises(ValueError, match="bicycle_discrete"):
         build.build(config, OBSERVATION, BOUNDS, kind)
+
+
+def test_what_a_head_would_ignore_is_refused() -> None:
+    factored = dataclasses.replace(SMALL, factored=True)
+    with pytest.raises(ValueError, match="factored=false"):
+        build.build(factored, OBSERVATION, Discrete(15, (3, 5)), "action_values")
+    dueling = dataclasses.replace(SMALL, dueling=True)
+    with pytest.raises(ValueError, match="dueling=false"):
+        build.build(dueling, OBSERVATION, Discrete(5))
 
 
 def test_bounds_that_enclose_nothing_are_refused() -> None:

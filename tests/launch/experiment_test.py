@@ -7,8 +7,9 @@ import pytest
 
 from drivetrain.launch import config
 from drivetrain.launch.experiment import Experiment, agent, environment, keys, learner
+from drivetrain.learners.opponents import OpponentsConfig
 from drivetrain.learners.ppo import PPOConfig
-from drivetrain.sim.env.build import PlanningConfig, ShapingConfig
+from drivetrain.sim.env.build import PlanningConfig, SelfPlayConfig, ShapingConfig
 from tests import worlds
 
 NAMES = sorted(
@@ -37,6 +38,36 @@ def test_every_config_says_what_it_is_on_what_and_by_which_command(name: str) ->
     header = " ".join(line for line in lines if line.startswith("#"))
     assert "Hardware:" in header and "Command" in header
     assert f"configs/{name}" in header or "drivetrain demo" in header
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"opponents": OpponentsConfig(idm=0.5, myself=0.5)}, "met in self-play"),
+        (
+            {
+                "task": SelfPlayConfig(sim_agent="idm"),
+                "opponents": OpponentsConfig(idm=0.5, myself=0.5),
+            },
+            "sim_agent must be playback, got idm",
+        ),
+        (
+            {
+                "task": SelfPlayConfig(),
+                "opponents": OpponentsConfig(past=0.5, myself=0.5),
+                "learner": PPOConfig(),
+            },
+            r"got 0\.5 and 0",
+        ),
+        (
+            {"task": SelfPlayConfig(), "learner": PPOConfig(num_pasts=2)},
+            r"got 0\.0 and 2",
+        ),
+    ],
+)
+def test_opponents_who_would_not_be_met_are_refused(fields: dict, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Experiment(data="none", **fields)
 
 
 def test_shaping_has_the_discount_of_the_learner() -> None:

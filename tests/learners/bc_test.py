@@ -11,7 +11,7 @@ from drivetrain.learners.base import Learner
 from drivetrain.sim.data.stratum import Stratum
 from drivetrain.sim.dynamics.base import Continuous
 from drivetrain.sim.observations.base import Observation, TokenGroup
-from tests.learners import toy
+from tests.learners import recurrent, toy
 
 FAST = optim.OptimizerConfig(learning_rate=3e-3, warmup_updates=20)
 
@@ -29,6 +29,11 @@ def train(learner: Learner, num_calls: int) -> dict[str, float]:
 def cloning(sample: bc.Sample, agent: Agent) -> Learner:
     config = bc.CloningConfig(batch_size=64)
     return bc.behavior_cloning(agent, sample, optim.adam(FAST), config)
+
+
+def test_an_agent_that_remembers_is_refused() -> None:
+    with pytest.raises(ValueError, match="memory_width=0"):
+        cloning(toy.sampler(toy.sign), recurrent.gru_agent())
 
 
 def test_it_learns_a_sign_among_masked_distractors() -> None:

@@ -154,17 +154,18 @@ def test_samples_to_insertions_are_as_asked(ratio: float) -> None:
         for name in ("gradient_steps", "env_steps", "replay_size")
     )
     played = 50 * settings.num_worlds * settings.steps_per_update
-    assert abs(env_steps[-1] / played - 2 / 3) < 0.02
+    total = np.cumsum(env_steps)
+    assert abs(total[-1] / played - 2 / 3) < 0.02
 
     first = int(np.argmax(size >= settings.min_replay))
     assert first > 0 and (gradient_steps[:first] == 0).all()
-    inserted = env_steps[first:] - env_steps[first - 1]
+    inserted = total[first:] - total[first - 1]
     drawn = np.cumsum(gradient_steps[first:]) * settings.batch_size
     owed = ratio * inserted - drawn
     assert (owed >= 0).all() and (owed < settings.batch_size).all()
     assert int(state.kept.owed) == owed[-1] * settings.ratio.denominator
     assert int(state.kept.num_gradient_steps) == gradient_steps.sum()
-    assert (int(state.step), int(state.kept.num_env_steps)) == (50, env_steps[-1])
+    assert (int(state.step), int(state.kept.num_env_steps)) == (50, total[-1])
 
 
 def test_what_shows_the_end_of_an_episode_is_never_drawn() -> None:
@@ -189,7 +190,7 @@ def test_what_shows_the_end_of_an_episode_is_never_drawn() -> None:
 def test_random_actions_become_fewer_along_a_line() -> None:
     settings = config(min_replay=512, exploration_steps=400)
     _, metrics = train(learner(probes.VALUE, settings), 20)
-    before = np.append(0, np.asarray(metrics["env_steps"].total)[:-1])
+    before = np.append(0, np.cumsum(metrics["env_steps"].total)[:-1])
     expected = np.interp(before, [0, 400], [1.0, 0.2])
     np.testing.assert_allclose(metrics["epsilon"].total, expected, rtol=ROUNDING)
 
