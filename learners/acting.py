@@ -22,6 +22,8 @@ from ..sim.scene import Scene
 from . import actors, strata
 from .strata import Share
 
+RESTARTS = 16  # as many parts of the worlds begin anew one after another, if all do
+
 # Of what an agent makes of an observation: an action, and what to remember of it.
 Choose = Callable[[Output, PRNGKeyArray], tuple[Action, PyTree]]
 
@@ -151,38 +153,50 @@ def unroll(
         The worlds after the last step, and the steps, [steps, worlds, *actors, ...].
     """
     play = jax.vmap(_play, in_axes=(None, None, None, 0, 0))
-    anew = jax.vmap(begin, in_axes=(None, None, 0, 0))
 
     def step(worlds: World, number: Array) -> tuple[World, Step]:
         now = jax.vmap(jax.random.fold_in, in_axes=(0, None))(keys, number)
         own = jax.vmap(jax.random.split)(now)
         following, steps = play(cast, params, bank, worlds, own[:, 0])
-
-        def restart() -> World:
-            fresh = anew(cast, bank, stratum, own[:, 1])
-            return pytrees.where(worlds.ended, fresh, following)
-
-        # Whoever was shown how it ended begins anew; often that is nobody.
-        return jax.lax.cond(any_of(worlds.ended), restart, lambda: following), steps
+        # Whoever was shown how it ended begins anew.
+        fresh = _restart(cast, bank, stratum, following, worlds.ended, own[:, 1])
+        return pytrees.where(worlds.ended, fresh, following), steps
 
     # What is needed to differentiate a step is computed again, not kept.
     return jax.lax.scan(jax.checkpoint(step), worlds, jnp.arange(num_steps))
 
 
-@jax.custom_batching.custom_vmap
-def any_of(flags: Bool[Array, " worlds"]) -> Bool[Array, ""]:
-    """Tells whether a flag is set here, or in whatever is mapped side by side.
+def _restart(
+    cast: Cast,
+    bank: Bank,
+    stratum: Stratum,
+    worlds: World,
+    ended: Bool[Array, " worlds"],
+    keys: Key[Array, " worlds"],
+) -> World:
+    """Returns worlds of which those that ended begin anew, and others may be anything.
 
-    So what depends on it is one choice for all, not a choice of each between results
-    that are both computed.
+    Beginning costs as much as some steps, and where episodes end at different times
+    few do at once: so a few worlds begin at a time, until all have that are to.
     """
-    return jnp.any(flags)
+    few = -(-len(ended) // RESTARTS)
+    those_first, count = jnp.argsort(~ended), jnp.sum(ended)
+    anew = jax.vmap(begin, in_axes=(None, None, 0, 0))
 
+    def are_left(carry: tuple[Array, World]) -> Array:
+        return carry[0] < count
 
-@any_of.def_vmap
-def _any_of_all(axis_size: int, in_batched: list[bool], flags: Array):
-    del axis_size
-    return any_of(jnp.any(flags, axis=0) if in_batched[0] else flags), False
+    def restart(carry: tuple[Array, World]) -> tuple[Array, World]:
+        first, worlds = carry
+        some = jax.lax.dynamic_slice_in_dim(those_first, first, few)
+        own = jax.tree.map(lambda leaf: leaf[some], (stratum, keys))
+        fresh = anew(cast, bank, *own)
+        worlds = jax.tree.map(lambda leaf, new: leaf.at[some].set(new), worlds, fresh)
+        return first + few, worlds
+
+    # No gradient goes through the start of an episode, nor could it through a loop.
+    carry = jnp.zeros((), count.dtype), jax.lax.stop_gradient(worlds)
+    return jax.lax.while_loop(are_left, restart, carry)[1]
 
 
 def _play(

@@ -4,11 +4,10 @@ import functools
 from collections.abc import Callable
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from drivetrain.learners import acting, mesh as meshes, program, seeds
+from drivetrain.learners import mesh as meshes, program, seeds
 from drivetrain.learners.base import Bank, Learner, TrainState
 from tests.learners.checkpoint_test import assert_same
 from tests.learners.every import LEARNERS
@@ -53,14 +52,3 @@ def test_each_seed_ends_as_it_does_alone(name: str) -> None:
 def test_the_same_seed_ends_the_same_to_the_last_bit(name: str) -> None:
     build, bank_of = LEARNERS[name]
     assert_same(alone(name, 0), trained(build(), bank_of, jax.random.key(0)))
-
-
-def test_seeds_skip_together_what_none_of_them_needs() -> None:
-    def chosen(flags: jax.Array) -> jax.Array:
-        return jax.lax.cond(acting.any_of(flags), jnp.sin, jnp.cos, 0.0)
-
-    flags = jnp.array([[False, False], [False, True]])
-    program = jax.make_jaxpr(jax.vmap(chosen))(flags)
-    assert any(equation.primitive.name == "cond" for equation in program.eqns)
-    np.testing.assert_array_equal(jax.vmap(chosen)(flags), jnp.sin(jnp.zeros(2)))
-    np.testing.assert_array_equal(jax.vmap(chosen)(flags[:1]), jnp.ones(1))
