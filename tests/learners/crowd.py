@@ -30,7 +30,9 @@ def environment(garbage: float = 0.0) -> Environment:
         here = {
             "index": index,
             "step": jnp.int32(0),
-            "sim_agent": jax.random.rademacher(key, (NUM_ACTORS,), jnp.float32),
+            "sim_agent": jax.random.rademacher(
+                probes.coin_key(bank, index, key), (NUM_ACTORS,), jnp.float32
+            ),
             "admitted": jnp.ones(NUM_ACTORS, bool),
         }
         return State(**empty | here)  # type: ignore[arg-type]

@@ -17,6 +17,7 @@ from drivetrain.sim.env.base import Environment, State, Timestep
 from drivetrain.sim.metrics.base import Measure
 from drivetrain.sim.observations.base import Observation, TokenGroup
 
+NUM_SCENARIOS = 32
 NUM_ACTIONS = 2
 MAX_STEPS = 3
 NUM_FEATURES = MAX_STEPS + 1
@@ -80,9 +81,23 @@ MEMORY = Probe(
 
 
 def bank(num_devices: int) -> Bank:
-    """Returns a bank of four empty scenarios a device, sharded by its leading axis."""
+    """Returns a bank of empty scenarios, dealt out to the devices, its leading axis.
+
+    Where the number of steps would be it has the number of a scenario among all.
+    """
+    per_device = NUM_SCENARIOS // num_devices
     empty = {field.name: () for field in dataclasses.fields(Bank)}
-    return Bank(**empty | {"num_scenarios": jnp.full(num_devices, 4, jnp.int32)})
+    numbers = jnp.arange(NUM_SCENARIOS, dtype=jnp.int32)
+    here = {
+        "num_scenarios": jnp.full(num_devices, per_device, jnp.int32),
+        "num_steps": numbers.reshape(per_device, num_devices).T,
+    }
+    return Bank(**empty | here)
+
+
+def coin_key(bank: Bank, index: jax.Array, key: jax.Array) -> jax.Array:
+    """Returns the key of a coin, another one for each scenario."""
+    return jax.random.fold_in(key, bank.num_steps[index])
 
 
 def state(step: int, sign: float) -> State:
@@ -107,6 +122,7 @@ def environment(probe: Probe) -> Environment:
 
     def reset(bank: Bank, index: jax.Array, key: jax.Array) -> State:
         key, sign_key = jax.random.split(key)
+        sign_key = coin_key(bank, index, sign_key)
         sign = jax.random.rademacher(sign_key, (), jnp.float32)
         return _state(jnp.int32(0), sign, key).replace(index=index)
 
