@@ -37,6 +37,7 @@ class Player:
     env: Environment
     driver_of: Callable[[PyTree, Array], Driver]  # of the number of a scenario too
     params: PyTree  # a copy on each device; empty for rules
+    run_seed: int | None = None  # which of those that a run has trained side by side
 
 
 def players_of(
@@ -159,7 +160,10 @@ def trained(
     params = [
         jax.tree.map(operator.itemgetter(number), restored.tree) for number in numbers
     ]
-    return [dataclasses.replace(player, params=own) for own in params]
+    return [
+        dataclasses.replace(player, params=own, run_seed=number)
+        for number, own in zip(numbers, params, strict=True)
+    ]
 
 
 def replayed(
@@ -256,9 +260,10 @@ def _play(player: Player, loaded: Loaded, seed: int, doing: str, keep) -> PyTree
 
 def row(player: Player, loaded: Loaded, seed: int) -> tables.Row:
     """Plays every scenario and returns the row of the table."""
-    return tables.summarize(
+    found = tables.summarize(
         play(player, loaded, seed),
         agent=player.name,
         sim_agent=player.sim_agent,
         seed=seed,
     )
+    return found if player.run_seed is None else found | {"run_seed": player.run_seed}

@@ -177,7 +177,16 @@ def notes(rows: Sequence[Row]) -> list[str]:
                     f"{column.title} of {row['agent']} with {row['sim_agent']} is over "
                     f"{count} of {row['episodes']} episodes; the others have none."
                 )
-    return sentences
+    return list(dict.fromkeys(sentences))  # of several seeds the same may be said
+
+
+def name_of(row: Row) -> str:
+    """Returns the agent, and which of its seeds the row is of."""
+    if row.get("run_seed") is not None:
+        return f"{row['agent']}, seed {row['run_seed']}"
+    if row.get("seeds") is not None:
+        return f"{row['agent']}, mean of {row['seeds']}"
+    return str(row["agent"])
 
 
 def terminal(rows: Sequence[Row], title: str, width: int) -> rich_console.Group:
@@ -214,7 +223,7 @@ def _block(
         header = f"{column.title}\n{column.unit}"
         table.add_column(header, justify="right", no_wrap=True)
     for row in rows:
-        agent, sim_agent = str(row["agent"]), str(row["sim_agent"])
+        agent, sim_agent = name_of(row), str(row["sim_agent"])
         names = (
             [text.Text(agent), text.Text(sim_agent)]
             if is_wide

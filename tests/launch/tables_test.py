@@ -120,6 +120,20 @@ def test_the_row_over_seeds_is_their_mean_and_deviation() -> None:
     }
 
 
+def test_rows_of_seeds_and_of_their_mean_say_what_they_are() -> None:
+    # Of few episodes one has no progress, which is to be said once.
+    values = np.array([0.5, 1.0, np.nan])
+    rows = [
+        tables.summarize({"progress": values}, agent="dqn", sim_agent="idm", seed=0)
+        | {"run_seed": number}
+        for number in range(2)
+    ]
+    lines = printed([*rows, tables.over_seeds(rows)], 120)
+    firsts = [line.split("  ")[0] for line in lines if line.startswith("dqn")]
+    assert firsts == ["dqn, seed 0", "dqn, seed 1", "dqn, mean of 2"]
+    assert " ".join(" ".join(lines).split()).count("is over 2 of 3 episodes") == 1
+
+
 def test_seeds_of_several_agents_are_not_joined() -> None:
     with pytest.raises(ValueError, match="seeds of one agent"):
         tables.over_seeds([row("dqn"), row("bc")])
