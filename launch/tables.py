@@ -183,9 +183,9 @@ def notes(rows: Sequence[Row]) -> list[str]:
 def name_of(row: Row) -> str:
     """Returns the agent, and which of its seeds the row is of."""
     if row.get("run_seed") is not None:
-        return f"{row['agent']}, seed {row['run_seed']}"
+        return f"{row['agent']}/seed{row['run_seed']}"
     if row.get("seeds") is not None:
-        return f"{row['agent']}, mean of {row['seeds']}"
+        return f"{row['agent']}/mean"
     return str(row["agent"])
 
 

@@ -130,7 +130,7 @@ def test_rows_of_seeds_and_of_their_mean_say_what_they_are() -> None:
     ]
     lines = printed([*rows, tables.over_seeds(rows)], 120)
     firsts = [line.split("  ")[0] for line in lines if line.startswith("dqn")]
-    assert firsts == ["dqn, seed 0", "dqn, seed 1", "dqn, mean of 2"]
+    assert firsts == ["dqn/seed0", "dqn/seed1", "dqn/mean"]
     assert " ".join(" ".join(lines).split()).count("is over 2 of 3 episodes") == 1
 
 
