@@ -1,6 +1,7 @@
 """States what an experiment is, and builds its parts."""
 
 import dataclasses
+import math
 from dataclasses import field
 
 import jax
@@ -91,6 +92,13 @@ class Experiment:
                 f"{self.monitor.every} and {self.updates_per_call}."
             )
         self._check_opponents()
+        decay, steps = self.learner.decay_updates, self.learner.gradient_steps
+        if decay is not None and decay < self.updates * steps:
+            raise ValueError(
+                f"learner.decay_updates counts gradient steps, {steps:g} an update, so "
+                f"after {decay / steps:,.0f} of {self.updates:,} updates nothing more "
+                f"would be learned; set it to {math.ceil(self.updates * steps)}."
+            )
         shaping = self.task.shaping
         discount = getattr(self.learner, "discount", None)
         if shaping is not None and discount not in (None, shaping.discount):

@@ -94,6 +94,11 @@ class DQNConfig(optim.OptimizerConfig, ExperienceConfig):
         return self.num_worlds * self.steps_per_update
 
     @property
+    def gradient_steps(self) -> float:
+        """How many an update takes once the replay is full enough."""
+        return float(self.num_steps * self.ratio / self.batch_size)
+
+    @property
     def ratio(self) -> fractions.Fraction:
         """The exact number that `samples_per_insertion` is written as."""
         return fractions.Fraction(str(self.samples_per_insertion))

@@ -60,6 +60,11 @@ class OptimizerConfig:
                 f"{self.decay_updates} with {self.warmup_updates} of warm-up."
             )
 
+    @property
+    def gradient_steps(self) -> float:
+        """How many an update of the learner takes, one unless it says otherwise."""
+        return 1.0
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Optimizer:

@@ -64,6 +64,11 @@ class PPOConfig(optim.OptimizerConfig, AppraisalConfig, RehearsalConfig):
         ranges.require_at_least(self, steps_per_update=1, past_every=1, num_pasts=0)
 
     @property
+    def gradient_steps(self) -> float:
+        """How many an update takes, unless it ends early."""
+        return float(self.epochs * self.minibatches)
+
+    @property
     def num_steps(self) -> int:
         """How many steps of worlds an update plays."""
         return self.num_worlds * self.steps_per_update

@@ -1,5 +1,6 @@
 """Tests that the experiments of `configs/` are whole and fit together."""
 
+import dataclasses
 import importlib.resources
 
 import jax
@@ -7,6 +8,8 @@ import pytest
 
 from drivetrain.launch import config
 from drivetrain.launch.experiment import Experiment, agent, environment, keys, learner
+from drivetrain.learners.bc import CloningConfig
+from drivetrain.learners.dqn import DQNConfig
 from drivetrain.learners.opponents import OpponentsConfig
 from drivetrain.learners.ppo import PPOConfig
 from drivetrain.sim.env.build import PlanningConfig, SelfPlayConfig, ShapingConfig
@@ -68,6 +71,22 @@ def test_every_config_says_what_it_is_on_what_and_by_which_command(name: str) ->
 def test_opponents_who_would_not_be_met_are_refused(fields: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Experiment(data="none", **fields)
+
+
+@pytest.mark.parametrize(
+    ("learner", "steps"),
+    [
+        (PPOConfig(epochs=3, minibatches=8, decay_updates=2399), 24),
+        (DQNConfig(num_worlds=128, steps_per_update=4, decay_updates=6399), 64),
+        (CloningConfig(decay_updates=99), 1),
+    ],
+)
+def test_a_rate_that_would_be_zero_too_early_is_refused(learner, steps: int) -> None:
+    counts = {"updates": 100, "updates_per_call": 10, "updates_per_checkpoint": 10}
+    with pytest.raises(ValueError, match=f"set it to {100 * steps}"):
+        Experiment(data="none", learner=learner, **counts)
+    enough = dataclasses.replace(learner, decay_updates=100 * steps)
+    assert Experiment(data="none", learner=enough, **counts)
 
 
 def test_shaping_has_the_discount_of_the_learner() -> None:
