@@ -272,7 +272,8 @@ def test_other_agents_and_tasks_are_refused() -> None:
         ({"samples_per_insertion": 0.0}, "samples_per_insertion must be positive"),
         ({"target_period": 0}, "target_period must be at least 1"),
         ({"final_epsilon": 1.1}, "from 0 to 1 in this order"),
-        ({"imitation_weight": -1.0}, "must not be negative"),
+        ({"imitation_weight": -1.0}, "at least 0 and finite"),
+        ({"margin": float("inf")}, "margin must be at least 0 and finite"),
         ({"learning_rate": 0.0}, "must be positive"),
     ],
 )
