@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Callable
 
+import jax
 from jaxtyping import Array, Float, Key, PyTree
 
 from ..sim.observations.base import Observation
@@ -35,3 +36,8 @@ class Agent:
     init: Callable[[Key[Array, ""]], Params]
     memory: Callable[[], Memory]
     step: Callable[[Params, Memory, Observation], tuple[Memory, Output]]
+
+    @property
+    def remembers(self) -> bool:
+        """Whether anything is left of an observation for the next step."""
+        return bool(jax.tree.leaves(jax.eval_shape(self.memory)))

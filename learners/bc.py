@@ -85,7 +85,7 @@ def require_no_memory(agent: Agent) -> None:
     Raises:
         ValueError: if the agent remembers.
     """
-    if jax.tree.leaves(jax.eval_shape(agent.memory)):
+    if agent.remembers:
         raise ValueError(
             "demonstrations are single steps, from which an agent with memory learns "
             "nothing of what it remembers; set agent.memory_width=0, or "

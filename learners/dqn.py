@@ -12,23 +12,24 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Float, Int, Key, PyTree
 
-from ..agents.base import Agent, Output, Params
+from ..agents.base import Agent, Params
 from ..sim import ranges
-from ..sim.dynamics.base import Action, Discrete
+from ..sim.dynamics.base import Discrete
 from ..sim.env.base import Environment
 from ..sim.env.demonstrations import Demonstration, Sample
 from ..sim.records import Record
-from . import acting, bc, experience, optim, q_learning, strata
-from .acting import Cast, Choose
+from . import acting, bc, experience, exploration, optim, q_learning, strata
+from .acting import Cast
 from .base import Bank, Learner, Mean, Metrics, TrainState, one
 from .experience import ExperienceConfig
+from .exploration import ExplorationConfig
 from .replay import prioritized
 from .replay.prioritized import Batch
 from .strata import Share
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class DQNConfig(optim.OptimizerConfig, ExperienceConfig):
+class DQNConfig(optim.OptimizerConfig, ExperienceConfig, ExplorationConfig):
     """How an agent learns the values of actions.
 
     The updates of the optimizer, such as those of the warm-up, are gradient steps.
@@ -42,15 +43,12 @@ class DQNConfig(optim.OptimizerConfig, ExperienceConfig):
     batch_size: int = 64  # transitions of a gradient step, over all devices
     samples_per_insertion: float = 8.0  # transitions learned from for each one added
     target_period: int = 100  # gradient steps after which the target follows
-    initial_epsilon: float = 1.0  # share of random actions
-    final_epsilon: float = 0.05
-    exploration_steps: int = 1_000_000  # of the environment, from the one to the other
     total_steps: int = 30_000_000  # of the environment, in which beta reaches its end
     imitation_weight: float = 0.0  # of the margin of the expert's actions; 0: none
     margin: float = 0.8  # by which the expert's action should be worth more
 
     def __post_init__(self) -> None:
-        """Checks the fields, and those of the optimizer and of experience.
+        """Checks the fields, and those of its parts.
 
         Raises:
             ValueError: if one is out of range, strata do not divide a count, or updates
@@ -58,15 +56,9 @@ class DQNConfig(optim.OptimizerConfig, ExperienceConfig):
         """
         optim.OptimizerConfig.__post_init__(self)
         ExperienceConfig.__post_init__(self)
+        ExplorationConfig.__post_init__(self)
         strata.check(self.strata, batch_size=self.batch_size)
-        ranges.require_at_least(
-            self, target_period=1, exploration_steps=1, total_steps=1
-        )
-        if not 0 <= self.final_epsilon <= self.initial_epsilon <= 1:
-            raise ValueError(
-                f"final_epsilon and initial_epsilon must be from 0 to 1 in this order, "
-                f"got {self.final_epsilon} and {self.initial_epsilon}."
-            )
+        ranges.require_at_least(self, target_period=1, total_steps=1)
         for name in ("imitation_weight", "margin"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise ValueError(
@@ -167,9 +159,9 @@ def double_dqn(
         train_state: TrainState, bank: Bank, axis_name: str
     ) -> tuple[TrainState, tuple[Int[Array, ""], Metrics]]:
         key, act_key = jax.random.split(train_state.key)
-        epsilon = _epsilon(config, train_state.kept.num_env_steps)
+        epsilon = exploration.epsilon(config, train_state.kept.num_env_steps)
         worlds, added, metrics = experience.act(
-            Cast(env, agent, _explore(epsilon, num_actions)),
+            Cast(env, agent, exploration.greedy(epsilon, num_actions)),
             config,
             train_state.params,
             bank,
@@ -188,7 +180,10 @@ def double_dqn(
         key, learn_key = jax.random.split(train_state.key)
         share = strata.share(config.strata, axis_name)
         kept, worlds = train_state.kept, train_state.worlds
-        num_updates, epsilon = train_state.step, _epsilon(config, kept.num_env_steps)
+        num_updates, epsilon = (
+            train_state.step,
+            exploration.epsilon(config, kept.num_env_steps),
+        )
         num_items = jnp.sum(jax.vmap(lambda replay: replay.num_items)(worlds.replay))
         (added, metrics), num_items = jax.lax.psum((gathered, num_items), axis_name)
         num_steps, owed = _due(config, kept.owed, added, num_items)
@@ -218,7 +213,7 @@ def _check(agent: Agent, env: Environment) -> None:
             f"dqn needs one actor with numbered actions, got {env.action_spec}; take "
             "discrete dynamics in the planning environment."
         )
-    if jax.tree.leaves(jax.eval_shape(agent.memory)):
+    if agent.remembers:
         raise ValueError(
             "dqn learns from single transitions, so its agent cannot remember; take "
             "one without memory, or ppo."
@@ -236,26 +231,6 @@ def _due(
     owed += jnp.where(is_full, added * ratio.numerator, 0)
     cost = config.batch_size * ratio.denominator
     return owed // cost, owed % cost
-
-
-def _epsilon(config: DQNConfig, num_env_steps: Int[Array, ""]) -> Float[Array, ""]:
-    """Returns the share of random actions: falls along a line, then stays."""
-    done = jnp.minimum(num_env_steps / config.exploration_steps, 1.0)
-    return config.initial_epsilon + done * (
-        config.final_epsilon - config.initial_epsilon
-    )
-
-
-def _explore(epsilon: Float[Array, ""], num_actions: int) -> Choose:
-    """Takes the best action, or with probability epsilon any, each as likely."""
-
-    def choose(output: Output, key: Key[Array, ""]) -> tuple[Action, tuple]:
-        chance_key, action_key = jax.random.split(key)
-        is_random = jax.random.uniform(chance_key) < epsilon
-        anything = jax.random.randint(action_key, (), 0, num_actions)
-        return jnp.where(is_random, anything, output.policy.mode()), ()
-
-    return choose
 
 
 def _repeat(

@@ -199,19 +199,14 @@ def ppo(
 
 def _check_minibatches(agent: Agent, config: PPOConfig) -> None:
     num_units = config.num_worlds // config.strata
-    if not _remembers(agent):
+    if not agent.remembers:
         num_units *= config.steps_per_update
     if num_units % config.minibatches:
         raise ValueError(
             f"minibatches must divide the {num_units} "
-            f"{'worlds' if _remembers(agent) else 'steps'} of each stratum, got "
+            f"{'worlds' if agent.remembers else 'steps'} of each stratum, got "
             f"{config.minibatches}; set num_worlds or strata."
         )
-
-
-def _remembers(agent: Agent) -> bool:
-    """Tells whether steps must be gone through in a row."""
-    return bool(jax.tree.leaves(jax.eval_shape(agent.memory)))
 
 
 def _explained(kept: Kept, study: Study, worth: Worth, axis_name: str) -> Mean:
@@ -234,7 +229,7 @@ def _lessons(
         target = normalizer.normalize(worth.target)
         lesson = Lesson(sequence=study.sequence, worth=worth.replace(target=target))
         num_actors = study.sequence.mask.ndim - 2
-        by_step = not _remembers(agent)
+        by_step = not agent.remembers
         return sequences.units(lesson, len(share.number), num_actors, by_step)
 
     first = cut(worth)
