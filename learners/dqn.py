@@ -180,10 +180,8 @@ def double_dqn(
         key, learn_key = jax.random.split(train_state.key)
         share = strata.share(config.strata, axis_name)
         kept, worlds = train_state.kept, train_state.worlds
-        num_updates, epsilon = (
-            train_state.step,
-            exploration.epsilon(config, kept.num_env_steps),
-        )
+        num_updates = train_state.step
+        epsilon = exploration.epsilon(config, kept.num_env_steps)
         num_items = jnp.sum(jax.vmap(lambda replay: replay.num_items)(worlds.replay))
         (added, metrics), num_items = jax.lax.psum((gathered, num_items), axis_name)
         num_steps, owed = _due(config, kept.owed, added, num_items)

@@ -1,4 +1,4 @@
-"""Takes random actions now and then, ever fewer, to see what else is worth something."""
+"""Takes random actions now and then, ever fewer, to see what else is worth it."""
 
 import dataclasses
 
