@@ -5,6 +5,7 @@ whether boxes overlap, its gradient is zero and says nothing.
 """
 
 import dataclasses
+import functools
 from typing import Literal
 
 import jax
@@ -45,6 +46,15 @@ class AnalyticConfig(optim.OptimizerConfig):
         return self.num_worlds * self.steps_per_update
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Setting:
+    """Who learns where, and how."""
+
+    cast: Cast
+    optimizer: optim.Optimizer
+    config: AnalyticConfig
+
+
 def analytic_policy_gradient(
     env: Environment, agent: Agent, optimizer: optim.Optimizer, config: AnalyticConfig
 ) -> Learner:
@@ -71,57 +81,63 @@ def analytic_policy_gradient(
         raise ValueError(
             "apg needs continuous actions, such as dynamics=bicycle; these are numbered"
         )
-    per_stratum = config.num_worlds // config.strata
     cast = Cast(env, agent, acting.likeliest)
+    setting = Setting(cast=cast, optimizer=optimizer, config=config)
+    return Learner(
+        init=functools.partial(_init, setting),
+        act=_act,
+        learn=functools.partial(_learn, setting),
+    )
 
-    def loss(
-        params: Params,
-        bank: Bank,
-        share: strata.Share,
-        worlds: World,
-        key: Key[Array, ""],
-    ) -> tuple[Metrics, World]:
+
+def _init(
+    setting: Setting, key: Key[Array, ""], bank: Bank, axis_name: str
+) -> TrainState:
+    config, cast = setting.config, setting.cast
+    key, params_key, worlds_key = jax.random.split(key, 3)
+    params = cast.agent.init(params_key)
+    share = strata.share(config.strata, axis_name)
+    per_stratum = config.num_worlds // config.strata
+    return TrainState(
+        params=params,
+        opt_state=setting.optimizer.transformation.init(params),
+        step=jnp.zeros((), jnp.int32),
+        key=key,
+        worlds=acting.start(cast, bank, share, worlds_key, per_stratum),
+    )
+
+
+def _act(
+    train_state: TrainState, bank: Bank, axis_name: str
+) -> tuple[TrainState, tuple[()]]:
+    del bank, axis_name  # acting is part of what is differentiated
+    return train_state, ()
+
+
+def _learn(
+    setting: Setting,
+    train_state: TrainState,
+    experience: tuple[()],
+    bank: Bank,
+    axis_name: str,
+) -> tuple[TrainState, Metrics]:
+    del experience
+    cast, num_steps = setting.cast, setting.config.steps_per_update
+    key, drive_key = jax.random.split(train_state.key)
+    share = strata.share(setting.config.strata, axis_name)
+
+    def loss(params: Params, worlds: World) -> tuple[Metrics, World]:
         worlds, steps = acting.drive(
-            cast, params, bank, share, worlds, key, config.steps_per_update
+            cast, params, bank, share, worlds, drive_key, num_steps
         )
         mask = steps.mask.astype(jnp.float32)
-        metrics = {"loss": losses.weighted(-steps.reward, mask)}
-        return metrics, worlds
+        return {"loss": losses.weighted(-steps.reward, mask)}, worlds
 
-    def init(key: Key[Array, ""], bank: Bank, axis_name: str) -> TrainState:
-        key, params_key, worlds_key = jax.random.split(key, 3)
-        params = agent.init(params_key)
-        share = strata.share(config.strata, axis_name)
-        return TrainState(
-            params=params,
-            opt_state=optimizer.transformation.init(params),
-            step=jnp.zeros((), jnp.int32),
-            key=key,
-            worlds=acting.start(cast, bank, share, worlds_key, per_stratum),
-        )
-
-    def act(
-        train_state: TrainState, bank: Bank, axis_name: str
-    ) -> tuple[TrainState, tuple[()]]:
-        del bank, axis_name  # acting is part of what is differentiated
-        return train_state, ()
-
-    def learn(
-        train_state: TrainState, experience: tuple[()], bank: Bank, axis_name: str
-    ) -> tuple[TrainState, Metrics]:
-        del experience
-        key, drive_key = jax.random.split(train_state.key)
-        share = strata.share(config.strata, axis_name)
-        train_state, metrics, worlds = optim.descend(
-            optimizer,
-            train_state.replace(key=key),
-            axis_name,
-            loss,
-            bank,
-            share,
-            train_state.worlds,
-            drive_key,
-        )
-        return train_state.replace(worlds=worlds), metrics
-
-    return Learner(init=init, act=act, learn=learn)
+    train_state, metrics, worlds = optim.descend(
+        setting.optimizer,
+        train_state.replace(key=key),
+        axis_name,
+        loss,
+        train_state.worlds,
+    )
+    return train_state.replace(worlds=worlds), metrics

@@ -27,6 +27,9 @@ from .replay import prioritized
 from .replay.prioritized import Batch
 from .strata import Share
 
+# How many transitions a device added, and how its episodes went.
+Gathered = tuple[Int[Array, ""], Metrics]
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class DQNConfig(optim.OptimizerConfig, ExperienceConfig, ExplorationConfig):
@@ -105,6 +108,17 @@ class Kept(Record):
     owed: Int[Array, ""]  # samples not drawn yet, times the ratio's denominator
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Setting:
+    """Who learns where, and how."""
+
+    agent: Agent
+    env: Environment
+    sample: Sample  # of what the expert does
+    optimizer: optim.Optimizer
+    config: DQNConfig
+
+
 def double_dqn(
     agent: Agent,
     env: Environment,
@@ -136,73 +150,88 @@ def double_dqn(
             actors, or the agent remembers.
     """
     _check(agent, env)
-    num_actions = env.action_spec.num_actions
+    setting = Setting(
+        agent=agent, env=env, sample=sample, optimizer=optimizer, config=config
+    )
+    return Learner(
+        init=functools.partial(_init, setting),
+        act=functools.partial(_act, setting),
+        learn=functools.partial(_learn, setting),
+    )
 
-    def init(key: Key[Array, ""], bank: Bank, axis_name: str) -> TrainState:
-        key, params_key, worlds_key = jax.random.split(key, 3)
-        params = agent.init(params_key)
-        share = strata.share(config.strata, axis_name)
-        cast = Cast(env, agent, acting.likeliest)
-        zero = jnp.zeros((), jnp.int32)
-        return TrainState(
-            params=params,
-            opt_state=optimizer.transformation.init(params),
-            step=zero,
-            key=key,
-            kept=Kept(
-                target=params, num_gradient_steps=zero, num_env_steps=zero, owed=zero
-            ),
-            worlds=experience.begin(cast, config, params, bank, share, worlds_key),
-        )
 
-    def act(
-        train_state: TrainState, bank: Bank, axis_name: str
-    ) -> tuple[TrainState, tuple[Int[Array, ""], Metrics]]:
-        key, act_key = jax.random.split(train_state.key)
-        epsilon = exploration.epsilon(config, train_state.kept.num_env_steps)
-        worlds, added, metrics = experience.act(
-            Cast(env, agent, exploration.greedy(epsilon, num_actions)),
-            config,
-            train_state.params,
-            bank,
-            strata.share(config.strata, axis_name),
-            train_state.worlds,
-            act_key,
-        )
-        return train_state.replace(key=key, worlds=worlds), (added, metrics)
+def _init(
+    setting: Setting, key: Key[Array, ""], bank: Bank, axis_name: str
+) -> TrainState:
+    config = setting.config
+    key, params_key, worlds_key = jax.random.split(key, 3)
+    params = setting.agent.init(params_key)
+    share = strata.share(config.strata, axis_name)
+    cast = Cast(setting.env, setting.agent, acting.likeliest)
+    zero = jnp.zeros((), jnp.int32)
+    return TrainState(
+        params=params,
+        opt_state=setting.optimizer.transformation.init(params),
+        step=zero,
+        key=key,
+        kept=Kept(
+            target=params, num_gradient_steps=zero, num_env_steps=zero, owed=zero
+        ),
+        worlds=experience.begin(cast, config, params, bank, share, worlds_key),
+    )
 
-    def learn(
-        train_state: TrainState,
-        gathered: tuple[Int[Array, ""], Metrics],
-        bank: Bank,
-        axis_name: str,
-    ) -> tuple[TrainState, Metrics]:
-        key, learn_key = jax.random.split(train_state.key)
-        share = strata.share(config.strata, axis_name)
-        kept, worlds = train_state.kept, train_state.worlds
-        num_updates = train_state.step
-        epsilon = exploration.epsilon(config, kept.num_env_steps)
-        num_items = jnp.sum(jax.vmap(lambda replay: replay.num_items)(worlds.replay))
-        (added, metrics), num_items = jax.lax.psum((gathered, num_items), axis_name)
-        num_steps, owed = _due(config, kept.owed, added, num_items)
-        kept = kept.replace(num_env_steps=kept.num_env_steps + added, owed=owed)
 
-        step = _gradient_step(agent, sample, optimizer, config, bank, share, axis_name)
-        before = train_state.replace(key=learn_key, kept=kept, worlds=worlds.replay)
-        after, learned = _repeat(step, num_steps, before)
-        train_state = after.replace(
-            step=num_updates + 1, key=key, worlds=worlds.replace(replay=after.worlds)
-        )
-        counts = {
-            "env_steps": added,
-            "replay_size": num_items,
-            "epsilon": epsilon,
-            "gradient_steps": num_steps,
-        }
-        counts = {name: one(count) for name, count in counts.items()}
-        return train_state, metrics | learned | counts
+def _act(
+    setting: Setting, train_state: TrainState, bank: Bank, axis_name: str
+) -> tuple[TrainState, Gathered]:
+    config, env = setting.config, setting.env
+    key, act_key = jax.random.split(train_state.key)
+    epsilon = exploration.epsilon(config, train_state.kept.num_env_steps)
+    explore = exploration.greedy(epsilon, env.action_spec.num_actions)
+    worlds, added, metrics = experience.act(
+        Cast(env, setting.agent, explore),
+        config,
+        train_state.params,
+        bank,
+        strata.share(config.strata, axis_name),
+        train_state.worlds,
+        act_key,
+    )
+    return train_state.replace(key=key, worlds=worlds), (added, metrics)
 
-    return Learner(init=init, act=act, learn=learn)
+
+def _learn(
+    setting: Setting,
+    train_state: TrainState,
+    gathered: Gathered,
+    bank: Bank,
+    axis_name: str,
+) -> tuple[TrainState, Metrics]:
+    config = setting.config
+    key, learn_key = jax.random.split(train_state.key)
+    share = strata.share(config.strata, axis_name)
+    kept, worlds = train_state.kept, train_state.worlds
+    num_updates = train_state.step
+    epsilon = exploration.epsilon(config, kept.num_env_steps)
+    num_items = jnp.sum(jax.vmap(lambda replay: replay.num_items)(worlds.replay))
+    (added, metrics), num_items = jax.lax.psum((gathered, num_items), axis_name)
+    num_steps, owed = _due(config, kept.owed, added, num_items)
+    kept = kept.replace(num_env_steps=kept.num_env_steps + added, owed=owed)
+
+    step = _gradient_step(setting, bank, share, axis_name)
+    before = train_state.replace(key=learn_key, kept=kept, worlds=worlds.replay)
+    after, learned = _repeat(step, num_steps, before)
+    train_state = after.replace(
+        step=num_updates + 1, key=key, worlds=worlds.replace(replay=after.worlds)
+    )
+    counts = {
+        "env_steps": added,
+        "replay_size": num_items,
+        "epsilon": epsilon,
+        "gradient_steps": num_steps,
+    }
+    counts = {name: one(count) for name, count in counts.items()}
+    return train_state, metrics | learned | counts
 
 
 def _check(agent: Agent, env: Environment) -> None:
@@ -257,18 +286,12 @@ def _repeat(
 
 
 def _gradient_step(
-    agent: Agent,
-    sample: Sample,
-    optimizer: optim.Optimizer,
-    config: DQNConfig,
-    bank: Bank,
-    share: Share,
-    axis_name: str,
+    setting: Setting, bank: Bank, share: Share, axis_name: str
 ) -> Callable[[TrainState], tuple[TrainState, Metrics]]:
     """Returns what learns from one batch; the worlds of its state are the replays."""
+    config, optimizer = setting.config, setting.optimizer
     per_stratum = config.batch_size // config.strata
-
-    loss = _loss(agent, config, axis_name)
+    loss = _loss(setting.agent, config, axis_name)
 
     def step(train_state: TrainState) -> tuple[TrainState, Metrics]:
         key, draw_key, expert_key = jax.random.split(train_state.key, 3)
@@ -281,7 +304,7 @@ def _gradient_step(
         batch = prioritized.weigh_together(batch, (axis_name,))
         shown = None
         if config.imitation_weight:
-            shown = bc.draw(sample, bank, share, expert_key, per_stratum)
+            shown = bc.draw(setting.sample, bank, share, expert_key, per_stratum)
 
         counted = train_state.replace(step=kept.num_gradient_steps, key=key)
         counted, metrics, td_errors = optim.descend(

@@ -103,23 +103,28 @@ def _scaled(rates: Mapping[str, float]) -> optax.GradientTransformation:
     if not rates:
         return optax.identity()
 
-    def update(updates: Any, state: Any, params: Any = None) -> tuple[Any, Any]:
-        del params
-        used: set[str] = set()
+    def names_of(path: tuple[Any, ...]) -> list[str]:
+        name = jax.tree_util.keystr(path, simple=True, separator="/")
+        return [part for part in rates if f"{name}/".startswith(f"{part}/")]
 
-        def scale(path: tuple[Any, ...], leaf: Array) -> Array:
-            name = jax.tree_util.keystr(path, simple=True, separator="/")
-            fitting = [part for part in rates if f"{name}/".startswith(f"{part}/")]
-            used.update(fitting)
-            return leaf * rates[max(fitting, key=len)] if fitting else leaf
-
-        scaled = jax.tree_util.tree_map_with_path(scale, updates)
+    def init(params: Params) -> optax.EmptyState:
+        paths, _ = jax.tree_util.tree_flatten_with_path(params)
+        used = {part for path, _ in paths for part in names_of(path)}
         for part in rates:
             if part not in used:
-                raise names.unknown("part in part_rates", part, sorted(updates))
-        return scaled, state
+                raise names.unknown("part in part_rates", part, sorted(params))
+        return optax.EmptyState()
 
-    return optax.GradientTransformation(lambda params: optax.EmptyState(), update)
+    def update(updates: Any, state: Any, params: Any = None) -> tuple[Any, Any]:
+        del params
+
+        def scale(path: tuple[Any, ...], leaf: Array) -> Array:
+            fitting = names_of(path)
+            return leaf * rates[max(fitting, key=len)] if fitting else leaf
+
+        return jax.tree_util.tree_map_with_path(scale, updates), state
+
+    return optax.GradientTransformation(init, update)
 
 
 def descend(

@@ -1,6 +1,7 @@
 """Learns by proximal policy optimization: acts, and repeats what turned out well."""
 
 import dataclasses
+import functools
 from collections.abc import Callable
 from typing import Literal
 
@@ -82,6 +83,15 @@ class Kept(Record):
     gradient_steps: Int[Array, ""]
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Setting:
+    """Who learns where, and how."""
+
+    pupil: Pupil
+    env_of: EnvironmentOf
+    config: PPOConfig
+
+
 class Seen(Record):
     """What a device gathered by acting."""
 
@@ -128,73 +138,86 @@ def ppo(
     if config.imitation_weight:
         bc.require_no_memory(agent)
     pupil = Pupil(agent=agent, sample=sample, optimizer=optimizer, config=config)
+    setting = Setting(pupil=pupil, env_of=env_of, config=config)
+    return Learner(
+        init=functools.partial(_init, setting),
+        act=functools.partial(_act, setting),
+        learn=functools.partial(_learn, setting),
+    )
 
-    def init(key: Key[Array, ""], bank: Bank, axis_name: str) -> TrainState:
-        key, params_key, world_key = jax.random.split(key, 3)
-        params = agent.init(params_key)
-        cast = Cast(env_of(params), agent, sequences.explore)
-        share = strata.share(config.strata, axis_name)
-        per_stratum = config.num_worlds // config.strata
-        return TrainState(
-            params=params,
-            opt_state=optimizer.transformation.init(params),
-            step=jnp.zeros((), jnp.int32),
-            key=key,
-            kept=Kept(
-                normalizer=normalizers.begin(),
-                pasts=pasts.begin(params, config.num_pasts) if config.num_pasts else (),
-                gradient_steps=jnp.zeros((), jnp.int32),
-            ),
-            worlds=stages.begin(cast, params, bank, share, world_key, per_stratum),
-        )
 
-    def act(
-        train_state: TrainState, bank: Bank, axis_name: str
-    ) -> tuple[TrainState, Seen]:
-        key, past_key, act_key = jax.random.split(train_state.key, 3)
-        params, kept = train_state.params, train_state.kept
-        share = strata.share(config.strata, axis_name)
-        past = pasts.draw(kept.pasts, past_key) if config.num_pasts else params
-        cast, stage = Cast(env_of(past), agent, sequences.explore), train_state.worlds
-        stage, played, told = stages.play(
-            cast, params, bank, share, act_key, stage, config.steps_per_update
-        )
-        told |= stages.counts(played, axis_name)
-        told = jax.tree.map(lambda leaf: leaf[None], told)
-        seen = Seen(study=appraisal.study(cast, bank, played), told=told)
-        return train_state.replace(key=key, worlds=stage), seen
+def _init(
+    setting: Setting, key: Key[Array, ""], bank: Bank, axis_name: str
+) -> TrainState:
+    config, pupil = setting.config, setting.pupil
+    key, params_key, world_key = jax.random.split(key, 3)
+    params = pupil.agent.init(params_key)
+    cast = Cast(setting.env_of(params), pupil.agent, sequences.explore)
+    share = strata.share(config.strata, axis_name)
+    per_stratum = config.num_worlds // config.strata
+    return TrainState(
+        params=params,
+        opt_state=pupil.optimizer.transformation.init(params),
+        step=jnp.zeros((), jnp.int32),
+        key=key,
+        kept=Kept(
+            normalizer=normalizers.begin(),
+            pasts=pasts.begin(params, config.num_pasts) if config.num_pasts else (),
+            gradient_steps=jnp.zeros((), jnp.int32),
+        ),
+        worlds=stages.begin(cast, params, bank, share, world_key, per_stratum),
+    )
 
-    def learn(
-        train_state: TrainState, seen: Seen, bank: Bank, axis_name: str
-    ) -> tuple[TrainState, Metrics]:
-        key, learn_key = jax.random.split(train_state.key)
-        params, kept, study = train_state.params, train_state.kept, seen.study
-        share = strata.share(config.strata, axis_name)
-        told = jax.tree.map(lambda leaf: jax.lax.psum(leaf[0], axis_name), seen.told)
-        worth = appraisal.appraise(config, agent, params, kept.normalizer, study)
-        told["explained_variance"] = _explained(kept, study, worth, axis_name)
-        if config.normalizes_values:
-            # Before the critic learns: values that it has not learned as they are now
-            # normalized would be what the next returns are told from.
-            mask, target = study.sequence.mask, worth.target
-            normalizer = normalizers.see(kept.normalizer, target, mask, axis_name)
-            kept = kept.replace(normalizer=normalizer)
 
-        lessons_of = _lessons(agent, config, kept.normalizer, study, worth, share)
-        bare = train_state.replace(key=learn_key, step=kept.gradient_steps)
-        learned, metrics = rehearsal.rehearse(
-            pupil, bare.replace(kept=(), worlds=()), bank, share, lessons_of, axis_name
-        )
-        step = train_state.step + 1
-        moved = learned.replace(
-            key=key,
-            step=step,
-            kept=_keep(config, kept, learned, step),
-            worlds=train_state.worlds,
-        )
-        return moved, told | metrics
+def _act(
+    setting: Setting, train_state: TrainState, bank: Bank, axis_name: str
+) -> tuple[TrainState, Seen]:
+    config = setting.config
+    key, past_key, act_key = jax.random.split(train_state.key, 3)
+    params, kept = train_state.params, train_state.kept
+    share = strata.share(config.strata, axis_name)
+    past = pasts.draw(kept.pasts, past_key) if config.num_pasts else params
+    cast = Cast(setting.env_of(past), setting.pupil.agent, sequences.explore)
+    stage, played, told = stages.play(
+        cast, params, bank, share, act_key, train_state.worlds, config.steps_per_update
+    )
+    told |= stages.counts(played, axis_name)
+    told = jax.tree.map(lambda leaf: leaf[None], told)
+    seen = Seen(study=appraisal.study(cast, bank, played), told=told)
+    return train_state.replace(key=key, worlds=stage), seen
 
-    return Learner(init=init, act=act, learn=learn)
+
+def _learn(
+    setting: Setting, train_state: TrainState, seen: Seen, bank: Bank, axis_name: str
+) -> tuple[TrainState, Metrics]:
+    config, agent = setting.config, setting.pupil.agent
+    key, learn_key = jax.random.split(train_state.key)
+    params, kept, study = train_state.params, train_state.kept, seen.study
+    share = strata.share(config.strata, axis_name)
+    told = jax.tree.map(lambda leaf: jax.lax.psum(leaf[0], axis_name), seen.told)
+    worth = appraisal.appraise(config, agent, params, kept.normalizer, study)
+    told["explained_variance"] = _explained(kept, study, worth, axis_name)
+    if config.normalizes_values:
+        # Before the critic learns: values that it has not learned as they are now
+        # normalized would be what the next returns are told from.
+        mask, target = study.sequence.mask, worth.target
+        normalizer = normalizers.see(kept.normalizer, target, mask, axis_name)
+        kept = kept.replace(normalizer=normalizer)
+
+    lessons_of = _lessons(agent, config, kept.normalizer, study, worth, share)
+    bare = train_state.replace(key=learn_key, step=kept.gradient_steps)
+    bare = bare.replace(kept=(), worlds=())
+    learned, metrics = rehearsal.rehearse(
+        setting.pupil, bare, bank, share, lessons_of, axis_name
+    )
+    step = train_state.step + 1
+    moved = learned.replace(
+        key=key,
+        step=step,
+        kept=_keep(config, kept, learned, step),
+        worlds=train_state.worlds,
+    )
+    return moved, told | metrics
 
 
 def _check_minibatches(agent: Agent, config: PPOConfig) -> None:

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from drivetrain.sim.data.bank import Bank
 from drivetrain.sim.dynamics.base import Discrete
+from drivetrain.sim.env import controlled
 from drivetrain.sim.env.base import Environment, State, Timestep
 from drivetrain.sim.metrics.base import Measure
 from drivetrain.sim.observations.base import Observation, TokenGroup
@@ -14,14 +15,15 @@ from tests.learners import probes
 
 NUM_ACTORS, NUM_STEPS = 5, 3
 # How many steps each stays: one is never there, two leave early, two see the log end.
-STAYS = (1, 2, 9, 9, 0)
+STAYS = (1, 0, 2, 9, 9)
 
 
-def environment(garbage: float = 0.0) -> Environment:
+def environment(garbage: float = 0.0, max_actors: int | None = None) -> Environment:
     """Makes the environment, in which the better action is that of the own coin.
 
     Args:
         garbage: what stands where nobody is.
+        max_actors: how many seats there are for those who ever act; None: one for each.
     """
     stays = jnp.array(STAYS)
 
@@ -34,6 +36,7 @@ def environment(garbage: float = 0.0) -> Environment:
                 probes.coin_key(bank, index, key), (NUM_ACTORS,), jnp.float32
             ),
             "admitted": jnp.ones(NUM_ACTORS, bool),
+            "teams": (stays > 0,),
         }
         return State(**empty | here)  # type: ignore[arg-type]
 
@@ -59,6 +62,8 @@ def environment(garbage: float = 0.0) -> Environment:
         there = (state.step < stays)[:, None]
         values = jnp.where(there, values, garbage)[:, None, None]
         mask = jnp.ones((NUM_ACTORS, 1, 1), bool)
-        return {"coin": TokenGroup(values=values, mask=mask)}
+        seats = controlled.actors(max_actors, state)
+        seen = TokenGroup(values=values, mask=mask)
+        return {"coin": jax.tree.map(lambda leaf: leaf[seats], seen)}
 
-    return Environment((Discrete(2),), reset, step, observe)
+    return Environment((Discrete(2),), reset, step, observe, max_actors)

@@ -43,8 +43,8 @@ def valuing() -> Learner:
 
 
 def playing() -> Learner:
-    """Plays with many actors that remember."""
-    config, env = ppo_test.CONFIG, crowd.environment()
+    """Plays with many actors that remember, on seats."""
+    config, env = ppo_test.CONFIG, crowd.environment(max_actors=4)
     optimizer = optim.adam(config)
     return ppo(ppo_test.GRU, lambda past: env, ppo_test.no_sample, optimizer, config)
 

@@ -127,9 +127,13 @@ def test_what_was_seen_first_is_remembered_to_the_last() -> None:
     assert last(metrics, "episode/return") < 0.7  # half of it is luck
 
 
-@pytest.mark.parametrize("agent", [LINEAR, GRU], ids=["linear", "gru"])
-def test_several_actors_learn_together(agent: Agent) -> None:
-    _, metrics = train(agent, crowd.environment())
+@pytest.mark.parametrize(
+    ("agent", "max_actors"),
+    [(LINEAR, None), (GRU, None), (LINEAR, 4), (GRU, 4)],
+    ids=["linear", "gru", "linear-seats", "gru-seats"],
+)
+def test_several_actors_learn_together(agent: Agent, max_actors: int | None) -> None:
+    _, metrics = train(agent, crowd.environment(max_actors=max_actors))
     assert last(metrics, "episode/collision") < 2 * LEARNED
     # Of each: 1, 2, 3 and 3 steps, of which one more is shown.
     assert abs(last(metrics, "episode/length") - 9 / 4) < ROUNDING
