@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import field
 
 import jax
@@ -10,13 +11,12 @@ from jaxtyping import Array, Key
 
 from ..agents import build as agents
 from ..agents.base import Agent, Params
-from ..learners import actors, build as learners, opponents
-from ..learners.base import Learner
+from ..learners import actors, build as learners, opponents, seeds
+from ..learners.base import Learner, Program
 from ..learners.bc import CloningConfig, Draw
 from ..learners.forecasting import ForecastConfig
 from ..learners.opponents import OpponentsConfig
 from ..learners.ppo import EnvironmentOf
-from ..learners.seeds import side_by_side
 from ..sim import ranges
 from ..sim.data import loader
 from ..sim.data.bank import Bank
@@ -56,7 +56,9 @@ class Experiment:
     updates_per_checkpoint: int = 1000
     seed: int = 0
     opponents: OpponentsConfig = field(default_factory=OpponentsConfig)  # in self-play
-    seeds: int = 1  # trained side by side: seed, seed + 1, …
+    seeds: int = 1  # trained in one program: seed, seed + 1, …
+    # One after another, as suits a CPU, instead of side by side, as suits a GPU.
+    seeds_in_turn: bool = False
     monitor: MonitorConfig | None = None  # evaluates now and then
     pretrained: str | None = None  # the folder of a run whose parameters to begin with
     pretrained_parts: tuple[str, ...] = ("encoder",)  # of the parameters
@@ -179,7 +181,7 @@ def agent(experiment: Experiment, env: Environment, bank: Bank) -> Agent:
 
 
 def learner(experiment: Experiment, env: Environment, agent: Agent) -> Learner:
-    """Builds the learner of an experiment.
+    """Builds the learner of an experiment, of one seed.
 
     Args:
         experiment: what to build.
@@ -190,8 +192,7 @@ def learner(experiment: Experiment, env: Environment, agent: Agent) -> Learner:
         ValueError: if its parts do not fit together.
     """
     env_of = _environment_of(experiment, env, agent)
-    of_one = learners.build(experiment.learner, agent, env_of, _sample(experiment))
-    return of_one if experiment.seeds == 1 else side_by_side(of_one)
+    return learners.build(experiment.learner, agent, env_of, _sample(experiment))
 
 
 def _environment_of(
@@ -220,6 +221,13 @@ def _sample(experiment: Experiment) -> Draw:
     if isinstance(experiment.learner, ForecastConfig):
         return futures(moves, observer, experiment.agent.trajectory.num_steps)
     return demonstrations(moves, observer)
+
+
+def over_seeds(experiment: Experiment) -> Callable[[Program], Program]:
+    """Returns what makes a run of all seeds from that of one."""
+    if experiment.seeds == 1:
+        return lambda run: run
+    return seeds.in_turn if experiment.seeds_in_turn else seeds.side_by_side
 
 
 def keys(experiment: Experiment) -> Key[Array, "*seeds"]:

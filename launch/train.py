@@ -14,12 +14,12 @@ from rich import console as rich_console
 
 from ..agents.base import Agent, Params
 from ..learners import checkpoint, mesh as meshes
-from ..learners.base import Metrics, TrainState
-from ..learners.program import Program, compile_program, initial_state
+from ..learners.base import Metrics, Program, TrainState
+from ..learners.program import compile_program, initial_state
 from ..learners.seeds import one_of
 from ..sim import files, names
 from . import banks, config, divergence, feeds, logbook
-from .experiment import Experiment, agent, environment, keys, learner
+from .experiment import Experiment, agent, environment, keys, learner, over_seeds
 from .feeds import Feed
 from .monitor import Monitor
 from .progress import progress
@@ -61,7 +61,9 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
     _say(feed.describe())
     driver = agent(experiment, env, banks.one_shard(feed.bank))
     learns = learner(experiment, env, driver)
-    program = compile_program(learns, mesh, experiment.updates_per_call)
+    program = compile_program(
+        learns, mesh, experiment.updates_per_call, over_seeds(experiment)
+    )
     state = initial_state(learns, mesh, keys(experiment), feed.bank)
     watch = _watch(experiment, driver, mesh)
     files.write_whole(folder / CONFIG, config.to_yaml(experiment))

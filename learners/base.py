@@ -45,6 +45,10 @@ class TrainState(Record):
     worlds: PyTree[Array] = ()  # where it acts and what it replays, by stratum
 
 
+# Of a train state and the bank, the state some updates later and the metrics of each.
+Program = Callable[[TrainState, Bank], tuple[TrainState, Metrics]]
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Learner:
     """Pure functions, which run on each device of a mesh axis.

@@ -7,10 +7,8 @@ import jax
 from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Key
 
-from . import mesh as meshes
-from .base import Bank, Experience, Learner, Metrics, TrainState
-
-Program = Callable[[TrainState, Bank], tuple[TrainState, Metrics]]
+from . import mesh as meshes, seeds
+from .base import Bank, Experience, Learner, Metrics, Program, TrainState
 
 EVERYWHERE, BY_DEVICE = PartitionSpec(), PartitionSpec(meshes.AXIS)
 # Of a train state: only its worlds differ from device to device.
@@ -32,26 +30,35 @@ def initial_state(
     Args:
         learner: whose state.
         mesh: the devices.
-        key: of all that is random; several for a learner of several seeds.
+        key: of all that is random, or one of each of several seeds.
         bank: every leaf sharded along a leading axis of devices.
     """
 
-    def init(key: Key[Array, "*seeds"], bank: Bank) -> TrainState:
+    def init(key: Key[Array, ""], bank: Bank) -> TrainState:
         return learner.init(key, _local(bank), meshes.AXIS)
 
     sharded = jax.shard_map(
-        init, mesh=mesh, in_specs=(EVERYWHERE, BY_DEVICE), out_specs=STATE
+        seeds.begin(init) if key.ndim else init,
+        mesh=mesh,
+        in_specs=(EVERYWHERE, BY_DEVICE),
+        out_specs=STATE,
     )
     return jax.jit(sharded)(meshes.replicate(mesh, key), bank)
 
 
-def compile_program(learner: Learner, mesh: Mesh, updates_per_call: int) -> Program:
+def compile_program(
+    learner: Learner,
+    mesh: Mesh,
+    updates_per_call: int,
+    over_seeds: Callable[[Program], Program] = lambda run: run,
+) -> Program:
     """Compiles several updates of a learner into one program.
 
     Args:
         learner: what to run.
         mesh: the devices to run on.
         updates_per_call: how many updates one call makes, with no host in between.
+        over_seeds: runs several seeds, such as `seeds.side_by_side`; as is, one alone.
 
     Returns:
         A function of the train state (donated, so the argument is gone after the call)
@@ -75,14 +82,20 @@ def compile_program(learner: Learner, mesh: Mesh, updates_per_call: int) -> Prog
         return jax.lax.scan(update, train_state, length=updates_per_call)
 
     sharded = jax.shard_map(
-        run, mesh=mesh, in_specs=(STATE, BY_DEVICE), out_specs=(STATE, EVERYWHERE)
+        over_seeds(run),
+        mesh=mesh,
+        in_specs=(STATE, BY_DEVICE),
+        out_specs=(STATE, EVERYWHERE),
     )
     return jax.jit(sharded, donate_argnums=0)
 
 
 def compile_halves(
     learner: Learner, mesh: Mesh, updates_per_call: int
-) -> tuple[Program, Callable[[TrainState, Bank, Experience], TrainState]]:
+) -> tuple[
+    Callable[[TrainState, Bank], tuple[TrainState, Experience]],
+    Callable[[TrainState, Bank, Experience], TrainState],
+]:
     """Compiles acting without learning, and learning without acting.
 
     They are there to be measured: what one costs with the other left out.

@@ -1,4 +1,4 @@
-"""Tests that seeds side by side learn as each does alone, and always the same."""
+"""Tests that seeds in one program learn as each does alone, and always the same."""
 
 import functools
 from collections.abc import Callable
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from drivetrain.learners import mesh as meshes, program, seeds
-from drivetrain.learners.base import Bank, Learner, TrainState
+from drivetrain.learners.base import Bank, Learner, Program, TrainState
 from tests.learners.checkpoint_test import assert_same
 from tests.learners.every import LEARNERS
 
@@ -18,12 +18,15 @@ UPDATES = 10
 
 
 def trained(
-    learner: Learner, bank_of: Callable[[int], Bank], key: jax.Array
+    learner: Learner,
+    bank_of: Callable[[int], Bank],
+    key: jax.Array,
+    over_seeds: Callable[[Program], Program] = lambda run: run,
 ) -> TrainState:
     mesh = meshes.data_mesh()
     bank = meshes.shard(mesh, bank_of(mesh.size))
     state = program.initial_state(learner, mesh, key, bank)
-    return program.compile_program(learner, mesh, UPDATES)(state, bank)[0]
+    return program.compile_program(learner, mesh, UPDATES, over_seeds)(state, bank)[0]
 
 
 @functools.cache
@@ -33,10 +36,13 @@ def alone(name: str, seed: int) -> TrainState:
 
 
 @pytest.mark.parametrize("name", LEARNERS)
-def test_each_seed_ends_as_it_does_alone(name: str) -> None:
+@pytest.mark.parametrize("over_seeds", [seeds.side_by_side, seeds.in_turn])
+def test_each_seed_ends_as_it_does_alone(
+    name: str, over_seeds: Callable[[Program], Program]
+) -> None:
     build, bank_of = LEARNERS[name]
     keys = jax.vmap(jax.random.key)(np.arange(2))
-    together = trained(seeds.side_by_side(build()), bank_of, keys)
+    together = trained(build(), bank_of, keys, over_seeds)
     for number in range(2):
         expected, own = alone(name, number), seeds.one_of(together, number)
         jax.tree.map(
