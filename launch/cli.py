@@ -1,6 +1,5 @@
 """Runs the commands: `drivetrain prepare | data | train | evaluate …`."""
 
-import dataclasses
 import os
 import pathlib
 import shlex
@@ -10,38 +9,23 @@ from typing import Annotated, Literal
 
 import jax
 import tyro
-from rich import console as rich_console
 
-from ..learners import mesh as meshes
 from ..sim import files
 from ..sim.data import loader
-from ..sim.data.loader import Split
-from ..sim.data.query import EVERYTHING, Query
-from ..sim.dynamics.build import DYNAMICS
-from ..sim.sim_agents.build import SIM_AGENTS
 from . import (
-    actions as recording,
-    banks,
     benchmark as benchmarking,
     config,
     curves as drawing,
     demo as demos,
-    dump as dumps,
-    evaluate as evaluating,
     outputs,
     spelling,
     stores,
-    tables,
 )
 from .benchmarks import timing
 from .benchmarks.base import Settings, numbers
+from .evaluate import SimAgent, evaluate
 from .experiment import Experiment
-from .progress import progress
 from .train import train as run_training
-
-Dynamics = Annotated[str, tyro.conf.arg(metavar="|".join(DYNAMICS))]
-SimAgent = Annotated[str, tyro.conf.arg(metavar="|".join(SIM_AGENTS))]
-UNSEEN = "synthetic:2000000:256"  # generated scenarios that nothing trains on
 
 
 def train(
@@ -94,106 +78,6 @@ def _evaluation(experiment: Experiment, folder: pathlib.Path) -> str:
         if experiment.test_share != loader.Source.test_share:
             words += ["--test-share", str(experiment.test_share)]
     return shlex.join(words)
-
-
-def evaluate(
-    agent: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="AGENT")],
-    /,
-    data: str = UNSEEN,
-    split: Split = "all",
-    test_share: float = 1 / 3,
-    query: Query = EVERYTHING,
-    sim_agent: SimAgent = "playback",
-    dynamics: Dynamics | None = None,
-    max_objects: int = 128,
-    max_scenarios: int | None = None,
-    quantize: bool = True,
-    json: pathlib.Path | None = None,
-    dump: pathlib.Path | None = None,
-    record: pathlib.Path | None = None,
-    actions: pathlib.Path | None = None,
-    run_seed: int | None = None,
-    seed: int = 0,
-) -> None:
-    """Plays an agent on scenarios and prints the row of the table.
-
-    drivetrain evaluate runs/bc --data data/womd --split test --sim-agent idm
-
-    With --record, the row is that of the actions in the file, played again: so it is,
-    to the last digit, that of `drivetrain evaluate recorded --actions FILE` with the
-    same data, objects and sim agents.
-
-    Args:
-        agent: expert, coast, random, constant_speed, idm, recorded, or the folder of a
-            run.
-        data: a store, a file, a quoted pattern of files, or synthetic:FIRST:COUNT for
-            generated scenarios of the seeds from FIRST on.
-        split: which part of the scenarios, by a hash of their ids.
-        test_share: of the scenarios that belongs to the split test.
-        query: which of them to play, by what is known of them.
-        sim_agent: who drives all others.
-        dynamics: the ego's action space; bicycle by default, and that of the training
-            for a run.
-        max_objects: how many objects of a scenario to keep, the most relevant ones.
-        max_scenarios: how many scenarios to play at most.
-        quantize: pack files to 16-bit numbers; a store is as it was prepared.
-        json: write the rows of the table to this file.
-        dump: write what happened in each scenario to this folder, as .npz files.
-        record: write the ego's actions to this file, an .npz archive.
-        actions: the file of the actions of recorded.
-        run_seed: which of the seeds that a run has trained, counted from 0; all of
-            them, and their mean, by default.
-        seed: of whatever is drawn.
-    """
-    if not 0 <= seed < 2**32:
-        raise ValueError(f"seed must be from 0 to 2^32 - 1, got {seed}.")
-    outputs.require({"json": json, "record": record}, dump)
-    players_of = evaluating.players_of(agent, dynamics, sim_agent, actions, run_seed)
-    source = loader.Source(
-        path=data,
-        split=split,
-        query=query,
-        test_share=test_share,
-        max_scenarios=max_scenarios,
-        quantize=quantize,
-    )
-    loaded = banks.load(source, max_objects, meshes.data_mesh())
-    console = rich_console.Console(stderr=True)
-    console.print(banks.describe(loaded), highlight=False, markup=False)
-    players = players_of(loaded)
-    player = players[0]
-    if len(players) > 1 and (record is not None or dump is not None):
-        raise ValueError(
-            f"'{agent}' has {len(players)} seeds; choose one with --run-seed to write "
-            "what it does"
-        )
-    if record is not None:
-        taken = evaluating.record(player, loaded, seed)
-        recording.write(record, taken)
-        again = evaluating.replayed(taken, str(record), None, sim_agent, loaded)
-        player = dataclasses.replace(again, name=player.name)
-        players = [player]
-    rows = [evaluating.row(each, loaded, seed) for each in players]
-    if len(rows) > 1:
-        rows.append(tables.over_seeds(rows))
-    tables.show(rows, f"{agent} on {data}")
-    if json is not None:
-        facts: tables.Row = {
-            "data": data,
-            "split": split,
-            "test_share": test_share,
-            **{f"query.{name}": x for name, x in dataclasses.asdict(query).items()},
-            "max_scenarios": max_scenarios,
-            "quantize": quantize,
-            "max_objects": max_objects,
-            "dynamics": player.dynamics,
-            "seed": seed,
-            "jax": jax.__version__,
-        }
-        tables.write_json(json, [facts | row for row in rows])
-    if dump is not None:
-        with progress("dumping", len(loaded.scenarios), unit="scenarios") as line:
-            dumps.dump(player, loaded, seed, dump, line.update)
 
 
 def benchmark(

@@ -20,8 +20,8 @@ from ..sim.visualization import scene as pictures
 from ..sim.visualization.trajectory import Trajectory
 from . import banks, config, dump, evaluate, logbook, report, tables
 from .banks import Loaded
-from .evaluate import Player
 from .experiment import Experiment
+from .players import Player, rule, trained
 from .train import CONFIG, train
 
 UNSEEN = "synthetic:2000000:128"  # neither trained on nor tuned on
@@ -48,8 +48,8 @@ def demo(out: pathlib.Path, seed: int) -> None:
 
     source = loader.Source(path=UNSEEN)
     loaded = banks.load(source, experiment.max_objects, meshes.data_mesh())
-    players = [evaluate.rule(name, "bicycle", SIM_AGENT) for name in RULES]
-    (learned,) = evaluate.trained(out, SIM_AGENT, None, loaded)
+    players = [rule(name, "bicycle", SIM_AGENT) for name in RULES]
+    (learned,) = trained(out, SIM_AGENT, None, loaded)
     players.append(dataclasses.replace(learned, name="bc"))
     rows = [evaluate.row(player, loaded, seed) for player in players]
     tables.show(rows, f"{len(loaded.scenarios)} generated scenarios not trained on")

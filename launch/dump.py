@@ -16,7 +16,7 @@ from ..sim.data.bank import Bank
 from ..sim.data.packed import Packed
 from ..sim.env.recording import Recording, record
 from .banks import Loaded
-from .evaluate import Player
+from .players import Player
 
 MAX_NAME = 200  # characters of a file's name, of the 255 that file systems take
 

@@ -1,225 +1,141 @@
-"""Plays agents on scenarios and makes the rows of tables."""
+"""Plays agents on scenarios and makes the rows of tables: `drivetrain evaluate`."""
 
 import dataclasses
-import functools
-import operator
 import pathlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from typing import Annotated
 
 import jax
 import numpy as np
-from jaxtyping import Array, PyTree
+import tyro
+from jaxtyping import PyTree
 from rich import console as rich_console
 
-from ..learners import acting, actors, checkpoint, mesh as meshes
+from ..learners import actors, mesh as meshes
 from ..learners.evaluator import compile_evaluator, figures_of
-from ..sim.dynamics import build as dynamics
-from ..sim.env import build as tasks, drivers
-from ..sim.env.base import Driver, Environment
-from ..sim.observations.vector import VectorConfig, vector
-from . import actions, tables
-from .actions import RECORDED, Record
+from ..sim.data import loader
+from ..sim.data.loader import Split
+from ..sim.data.query import EVERYTHING, Query
+from ..sim.dynamics.build import DYNAMICS
+from ..sim.sim_agents.build import SIM_AGENTS
+from . import actions as recording, banks, dump as dumps, outputs, tables
 from .banks import Loaded
-from .experiment import agent, environment, keys
+from .players import Player, players_of, replayed
 from .progress import progress
-from .train import CHECKPOINTS, PARAMS, load_run
 
-SIMPLE = VectorConfig(history=0, num_objects=1, num_road=1, num_lights=1)
-
-
-@dataclasses.dataclass(frozen=True, kw_only=True)
-class Player:
-    """An agent ready to drive in an environment."""
-
-    name: str
-    sim_agent: str
-    dynamics: str  # of the ego
-    env: Environment
-    driver_of: Callable[[PyTree, Array], Driver]  # of the number of a scenario too
-    params: PyTree  # a copy on each device; empty for rules
-    run_seed: int | None = None  # which of those that a run has trained side by side
+Dynamics = Annotated[str, tyro.conf.arg(metavar="|".join(DYNAMICS))]
+SimAgent = Annotated[str, tyro.conf.arg(metavar="|".join(SIM_AGENTS))]
+UNSEEN = "synthetic:2000000:256"  # generated scenarios that nothing trains on
 
 
-def players_of(
-    agent: str,
-    dynamics_name: str | None,
-    sim_agent: str,
+def evaluate(
+    agent: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="AGENT")],
+    /,
+    data: str = UNSEEN,
+    split: Split = "all",
+    test_share: float = 1 / 3,
+    query: Query = EVERYTHING,
+    sim_agent: SimAgent = "playback",
+    dynamics: Dynamics | None = None,
+    max_objects: int = 128,
+    max_scenarios: int | None = None,
+    quantize: bool = True,
+    json: pathlib.Path | None = None,
+    dump: pathlib.Path | None = None,
     record: pathlib.Path | None = None,
-    seed: int | None = None,
-) -> Callable[[Loaded], list[Player]]:
-    """Finds an agent by name, or by the folder of its run, before data are loaded.
+    actions: pathlib.Path | None = None,
+    run_seed: int | None = None,
+    seed: int = 0,
+) -> None:
+    """Plays an agent on scenarios and prints the row of the table.
+
+    drivetrain evaluate runs/bc --data data/womd --split test --sim-agent idm
+
+    With --record, the row is that of the actions in the file, played again: so it is,
+    to the last digit, that of `drivetrain evaluate recorded --actions FILE` with the
+    same data, objects and sim agents.
 
     Args:
-        agent: the name of a rule, `recorded`, or a folder.
-        dynamics_name: the ego's action space; None for that of the training, and the
-            bicycle for rules.
-        sim_agent: drives all others.
-        record: the file of the actions of `recorded`.
-        seed: which of the seeds of a run, counted from 0; None for all.
-
-    Returns:
-        A function from the scenarios to the players: one, or one for each seed.
-
-    Raises:
-        FileNotFoundError: if the folder holds no run, or one without a checkpoint, or
-            there is no file of actions.
-        ValueError: if a name is unknown, the run was trained or recorded with other
-            dynamics, or the file holds no actions.
+        agent: expert, coast, random, constant_speed, idm, recorded, or the folder of a
+            run.
+        data: a store, a file, a quoted pattern of files, or synthetic:FIRST:COUNT for
+            generated scenarios of the seeds from FIRST on.
+        split: which part of the scenarios, by a hash of their ids.
+        test_share: of the scenarios that belongs to the split test.
+        query: which of them to play, by what is known of them.
+        sim_agent: who drives all others.
+        dynamics: the ego's action space; bicycle by default, and that of the training
+            for a run.
+        max_objects: how many objects of a scenario to keep, the most relevant ones.
+        max_scenarios: how many scenarios to play at most.
+        quantize: pack files to 16-bit numbers; a store is as it was prepared.
+        json: write the rows of the table to this file.
+        dump: write what happened in each scenario to this folder, as .npz files.
+        record: write the ego's actions to this file, an .npz archive.
+        actions: the file of the actions of recorded.
+        run_seed: which of the seeds that a run has trained, counted from 0; all of
+            them, and their mean, by default.
+        seed: of whatever is drawn.
     """
-    if (agent == RECORDED) != (record is not None):
+    if not 0 <= seed < 2**32:
+        raise ValueError(f"seed must be from 0 to 2^32 - 1, got {seed}.")
+    outputs.require({"json": json, "record": record}, dump)
+    find = players_of(agent, dynamics, sim_agent, actions, run_seed)
+    source = loader.Source(
+        path=data,
+        split=split,
+        query=query,
+        test_share=test_share,
+        max_scenarios=max_scenarios,
+        quantize=quantize,
+    )
+    loaded = banks.load(source, max_objects, meshes.data_mesh())
+    console = rich_console.Console(stderr=True)
+    console.print(banks.describe(loaded), highlight=False, markup=False)
+    players = find(loaded)
+    if len(players) > 1 and (record is not None or dump is not None):
         raise ValueError(
-            "a record is played by naming both: drivetrain evaluate recorded --actions "
-            f"FILE; got the agent '{agent}' "
-            + (f"with --actions {record}" if record else "without --actions")
+            f"'{agent}' has {len(players)} seeds; choose one with --run-seed to write "
+            "what it does"
         )
     if record is not None:
-        taken = actions.read(record)
-        return lambda loaded: [
-            replayed(taken, str(record), dynamics_name, sim_agent, loaded)
-        ]
-    folder = pathlib.Path(agent)
-    if agent in drivers.NAMES or not folder.is_dir():
-        player = rule(agent, dynamics_name or "bicycle", sim_agent)
-        return lambda loaded: [player]
-    space = load_run(folder).dynamics
-    if dynamics_name not in (None, space):
-        raise ValueError(
-            f"'{agent}' was trained with --dynamics {space}, not {dynamics_name}; "
-            "leave the option out"
-        )
-    return functools.partial(trained, folder, sim_agent, seed)
+        players = [_recorded(players[0], loaded, seed, record)]
+    rows = [row(each, loaded, seed) for each in players]
+    if len(rows) > 1:
+        rows.append(tables.over_seeds(rows))
+    tables.show(rows, f"{agent} on {data}")
+    if json is not None:
+        facts: tables.Row = {
+            "data": data,
+            "split": split,
+            "test_share": test_share,
+            **{f"query.{name}": x for name, x in dataclasses.asdict(query).items()},
+            "max_scenarios": max_scenarios,
+            "quantize": quantize,
+            "max_objects": max_objects,
+            "dynamics": players[0].dynamics,
+            "seed": seed,
+            "jax": jax.__version__,
+        }
+        tables.write_json(json, [facts | row for row in rows])
+    if dump is not None:
+        with progress("dumping", len(loaded.scenarios), unit="scenarios") as line:
+            dumps.dump(players[0], loaded, seed, dump, line.update)
 
 
-def rule(name: str, dynamics_name: str, sim_agent: str) -> Player:
-    """Makes a player of a driver by name.
-
-    Raises:
-        ValueError: if a name is unknown.
-    """
-    driver = drivers.build(name, dynamics.build(dynamics_name))
-    env = _simple(dynamics_name, sim_agent)
-    return Player(
-        name=name,
-        sim_agent=sim_agent,
-        dynamics=dynamics_name,
-        env=env,
-        driver_of=lambda params, number: driver,
-        params=(),
-    )
-
-
-def _simple(dynamics_name: str, sim_agent: str) -> Environment:
-    """Builds a task for those who look at nothing."""
-    task = tasks.PlanningConfig(sim_agent=sim_agent)
-    return tasks.build(task, dynamics.build(dynamics_name), vector(SIMPLE))
-
-
-def trained(
-    folder: pathlib.Path, sim_agent: str, seed: int | None, loaded: Loaded
-) -> list[Player]:
-    """Makes players of the newest checkpoint of a run, one for each seed.
-
-    Args:
-        folder: of the run.
-        sim_agent: drives all others.
-        seed: which of the run's, counted from 0; None for all.
-        loaded: scenarios; only their shapes are read.
-
-    Raises:
-        FileNotFoundError: if there is no such run or it has no checkpoint.
-        ValueError: if a name is unknown, the checkpoint does not fit the config, or the
-            run has no such seed.
-    """
-    experiment = load_run(folder)
-    if seed is not None and not 0 <= seed < experiment.seeds:
-        raise ValueError(
-            f"'{folder}' has the seeds 0 to {experiment.seeds - 1}, got {seed}."
-        )
-    env = environment(experiment, sim_agent)
-    made = agent(experiment, env, loaded.one_shard)
-    mesh = meshes.data_mesh()
-    init = made.init if experiment.seeds == 1 else jax.vmap(made.init)
-    like = meshes.replicate(mesh, jax.jit(init)(keys(experiment)))
-    checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
-    restored = checkpoints.restore_part(like, PARAMS)
-    console = rich_console.Console(stderr=True)
-    console.print(
-        f"{folder} at update {restored.step:,}", highlight=False, markup=False
-    )
-    player = Player(
-        name=folder.name,
-        sim_agent=sim_agent,
-        dynamics=experiment.dynamics,
-        env=env,
-        driver_of=acting.greedy(made, env),
-        params=restored.tree,
-    )
-    if experiment.seeds == 1:
-        return [player]
-    numbers = range(experiment.seeds) if seed is None else (seed,)
-    params = [
-        jax.tree.map(operator.itemgetter(number), restored.tree) for number in numbers
-    ]
-    return [
-        dataclasses.replace(player, params=own, run_seed=number)
-        for number, own in zip(numbers, params, strict=True)
-    ]
-
-
-def replayed(
-    record: Record,
-    source: str,
-    dynamics_name: str | None,
-    sim_agent: str,
-    loaded: Loaded,
-) -> Player:
-    """Makes a player of recorded actions.
-
-    Args:
-        record: the actions.
-        source: where they come from.
-        dynamics_name: the ego's action space; None for that of the record.
-        sim_agent: drives all others.
-        loaded: the scenarios on which they were recorded.
-
-    Raises:
-        ValueError: if they were recorded with other dynamics, or on other scenarios.
-    """
-    if dynamics_name not in (None, record.dynamics):
-        raise ValueError(
-            f"'{source}' was recorded with --dynamics {record.dynamics}, not "
-            f"{dynamics_name}; leave the option out"
-        )
-    record.require_fits(loaded, source)
-    different = ", ".join(record.differences(loaded, sim_agent))
-    if different:
-        rich_console.Console(stderr=True).print(
-            f"'{source}' was recorded otherwise, so rollouts may differ: {different}",
-            highlight=False,
-            markup=False,
-        )
-    return Player(
-        name=RECORDED,
-        sim_agent=sim_agent,
-        dynamics=record.dynamics,
-        env=_simple(record.dynamics, sim_agent),
-        driver_of=actions.driver_of,
-        params=meshes.replicate(meshes.data_mesh(), record.actions),
-    )
-
-
-def record(player: Player, loaded: Loaded, seed: int) -> Record:
-    """Plays every scenario and returns the actions of the ego."""
-    taken = _play(player, loaded, seed, "recording", lambda steps: steps.action)
-    ids = tuple(scenario.scenario_id for scenario in loaded.scenarios)
-    return Record(
-        scenario_ids=ids,
+def _recorded(player: Player, loaded: Loaded, seed: int, path: pathlib.Path) -> Player:
+    """Writes the ego's actions to a file; returns the player of what was written."""
+    taken = recording.Record(
+        scenario_ids=tuple(scenario.scenario_id for scenario in loaded.scenarios),
         dynamics=player.dynamics,
         sim_agent=player.sim_agent,
         num_objects=loaded.bank.sizes.num_objects,
-        quantized=actions.is_quantized(loaded),
-        actions=taken,
+        quantized=recording.is_quantized(loaded),
+        actions=_play(player, loaded, seed, "recording", lambda steps: steps.action),
     )
+    recording.write(path, taken)
+    again = replayed(taken, str(path), None, player.sim_agent, loaded)
+    return dataclasses.replace(again, name=player.name)
 
 
 def play(player: Player, loaded: Loaded, seed: int) -> dict[str, np.ndarray]:
@@ -251,11 +167,11 @@ def _of_actors(found: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 def _play(player: Player, loaded: Loaded, seed: int, doing: str, keep) -> PyTree:
     mesh = meshes.data_mesh()
-    evaluate = compile_evaluator(player.env, player.driver_of, mesh, keep)
+    program = compile_evaluator(player.env, player.driver_of, mesh, keep)
     key = meshes.replicate(mesh, jax.random.key(seed))
     total = len(loaded.scenarios)
     with progress(f"{doing} {player.name}", total, unit="scenarios") as line:
-        return evaluate(player.params, loaded.bank, key, line.update)
+        return program(player.params, loaded.bank, key, line.update)
 
 
 def row(player: Player, loaded: Loaded, seed: int) -> tables.Row:
