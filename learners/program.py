@@ -7,19 +7,26 @@ import jax
 from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Key
 
-from . import mesh as meshes, seeds
+from . import mesh as meshes
 from .base import Bank, Experience, Learner, Metrics, Program, TrainState
 
 EVERYWHERE, BY_DEVICE = PartitionSpec(), PartitionSpec(meshes.AXIS)
-# Of a train state: only its worlds differ from device to device.
-STATE: Any = TrainState(
-    params=EVERYWHERE,
-    opt_state=EVERYWHERE,
-    step=EVERYWHERE,  # pyright: ignore[reportArgumentType]  (a spec for each array)
-    key=EVERYWHERE,  # pyright: ignore[reportArgumentType]
-    kept=EVERYWHERE,
-    worlds=BY_DEVICE,
-)
+
+
+def _layout(num_axes: int) -> Any:
+    """Returns where the parts of a train state lie; only worlds differ by device.
+
+    Args:
+        num_axes: of seeds before all others: 1 for several, 0 for one.
+    """
+    return TrainState(
+        params=EVERYWHERE,
+        opt_state=EVERYWHERE,
+        step=EVERYWHERE,  # pyright: ignore[reportArgumentType]  (a spec of each array)
+        key=EVERYWHERE,  # pyright: ignore[reportArgumentType]
+        kept=EVERYWHERE,
+        worlds=PartitionSpec(*[None] * num_axes, meshes.AXIS),
+    )
 
 
 def initial_state(
@@ -38,10 +45,10 @@ def initial_state(
         return learner.init(key, _local(bank), meshes.AXIS)
 
     sharded = jax.shard_map(
-        seeds.begin(init) if key.ndim else init,
+        jax.vmap(init, in_axes=(0, None)) if key.ndim else init,
         mesh=mesh,
         in_specs=(EVERYWHERE, BY_DEVICE),
-        out_specs=STATE,
+        out_specs=_layout(key.ndim),
     )
     return jax.jit(sharded)(meshes.replicate(mesh, key), bank)
 
@@ -81,13 +88,17 @@ def compile_program(
 
         return jax.lax.scan(update, train_state, length=updates_per_call)
 
-    sharded = jax.shard_map(
-        over_seeds(run),
-        mesh=mesh,
-        in_specs=(STATE, BY_DEVICE),
-        out_specs=(STATE, EVERYWHERE),
-    )
-    return jax.jit(sharded, donate_argnums=0)
+    def program(train_state: TrainState, bank: Bank) -> tuple[TrainState, Metrics]:
+        layout = _layout(train_state.step.ndim)
+        sharded = jax.shard_map(
+            over_seeds(run),
+            mesh=mesh,
+            in_specs=(layout, BY_DEVICE),
+            out_specs=(layout, EVERYWHERE),
+        )
+        return sharded(train_state, bank)
+
+    return jax.jit(program, donate_argnums=0)
 
 
 def compile_halves(
@@ -129,11 +140,12 @@ def compile_halves(
 
         return jax.lax.scan(once, train_state, length=updates_per_call)[0]
 
+    layout = _layout(0)
     acting = jax.shard_map(
-        act, mesh=mesh, in_specs=(STATE, BY_DEVICE), out_specs=(STATE, BY_DEVICE)
+        act, mesh=mesh, in_specs=(layout, BY_DEVICE), out_specs=(layout, BY_DEVICE)
     )
     learning = jax.shard_map(
-        learn, mesh=mesh, in_specs=(STATE, BY_DEVICE, BY_DEVICE), out_specs=STATE
+        learn, mesh=mesh, in_specs=(layout, BY_DEVICE, BY_DEVICE), out_specs=layout
     )
     return jax.jit(acting, donate_argnums=0), jax.jit(learning, donate_argnums=0)
 
