@@ -8,7 +8,7 @@ from jaxtyping import Array, Float, Int
 
 from . import geometry
 from .goals import Goal
-from .metrics.base import Measure, Moment
+from .metrics.base import Measure, Moment, is_any_positive
 from .motion import Motion
 from .scene import Scene
 
@@ -108,9 +108,7 @@ def shaped(
         scene, goal, step = moment.scene, moment.goal, moment.step
         value_t = potential(scene, goal, moment.before, step - 1, number)
         value_tp1 = potential(scene, goal, moment.after, step, number)
-        for name in ends:
-            has_ended = measures[name].valid & (measures[name].value > 0)
-            value_tp1 = jnp.where(has_ended, 0.0, value_tp1)
+        value_tp1 = jnp.where(is_any_positive(measures, ends), 0.0, value_tp1)
         nearer = discount * value_tp1 - value_t
         return reward(moment, number, measures) + weight * nearer
 

@@ -18,7 +18,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from .. import motions, names
 from ..data.bank import Bank
-from ..metrics.base import Measure, Metric, Moment
+from ..metrics.base import Measure, Metric, Moment, is_any_positive
 from ..metrics.build import EGO, METRICS, measure_all
 from ..motion import Motion
 from ..observations.base import Observation, Observer
@@ -83,7 +83,7 @@ def multi_agent(
         moment, carry, controls = _advance(teams, sim_agent, bank, state, actions)
         acted = state.controlled & state.motion.valid
         measures = _measure(moment, metrics, acted)
-        admitted = state.admitted & ~_flagged(measures, config.remove_at)
+        admitted = state.admitted & ~is_any_positive(measures, config.remove_at)
         motion = motions.only(admitted, moment.after)
         following = world.follow(state, motion, carry, controls)
         goes_on = state.controlled & admitted
@@ -166,16 +166,6 @@ def _measure(
             valid=valid & measure.valid,
         )
     return measures
-
-
-def _flagged(
-    measures: dict[str, Measure], flags: tuple[str, ...]
-) -> Bool[Array, "*objects"]:
-    """Tells for whom one of some metrics is positive."""
-    flagged = jnp.bool_(False)
-    for name in flags:
-        flagged |= measures[name].valid & (measures[name].value > 0)
-    return flagged
 
 
 def _reward(

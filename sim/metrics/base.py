@@ -1,8 +1,9 @@
 """States what a metric is: a function of one object at one step."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 
+import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from ..goals import Goal
@@ -28,6 +29,16 @@ class Measure(Record):
 
     value: Float[Array, ""]
     valid: Bool[Array, ""]
+
+
+def is_any_positive(
+    measures: Mapping[str, Measure], names: Collection[str]
+) -> Bool[Array, "*objects"]:
+    """Tells whether one of some metrics is, such as of those that end a task."""
+    is_any = jnp.bool_(False)
+    for name in names:
+        is_any |= measures[name].valid & (measures[name].value > 0)
+    return is_any
 
 
 @dataclasses.dataclass(frozen=True)
