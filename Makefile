@@ -13,7 +13,7 @@ demo: $(READY)
 	$(BIN)/drivetrain demo
 
 test: $(READY)
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --durations 25
 
 lint: $(READY)
 	$(BIN)/ruff check .

@@ -43,6 +43,9 @@ LEARNERS = {
 def _experiment_of(name: str, num_worlds: int) -> Experiment:
     file, field = LEARNERS[name]
     words = [f"{field}={num_worlds}", "seeds=1", "monitor=null"]
+    words.append("learner.decay_updates=null")  # counts the steps of another number
+    if name == "dqn":
+        words.append("learner.min_replay=1")  # it learns from the first update on
     packaged = importlib.resources.files("drivetrain.configs") / f"{file}.yaml"
     with importlib.resources.as_file(packaged) as path:
         return config.load(path, Experiment, words)

@@ -4,9 +4,8 @@ import pathlib
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ..learners.base import Metrics
+from ..learners.base import Mean, Metrics
 
 PARTS = "gradient_norm/"  # before the names of the parts of the parameters
 
@@ -38,7 +37,7 @@ def require_finite(
         return
     bad = int(np.argmin(finite))
     norms = ", ".join(
-        f"{name.removeprefix(PARTS)} {_texts(mean.total[bad])}"
+        f"{name.removeprefix(PARTS)} {_texts(mean, bad)}"
         for name, mean in sorted(metrics.items())
         if name.startswith(PARTS)
     )
@@ -48,11 +47,13 @@ def require_finite(
         last = f"the last good checkpoint is that of update {saved[-1]:,}"
     raise DivergedError(
         f"'{folder}' diverged at update {first + bad:,}: the loss is "
-        f"{_texts(metrics['loss'].total[bad])}, gradient norms are {norms}; {last}; "
+        f"{_texts(metrics['loss'], bad)}, gradient norms are {norms}; {last}; "
         "lower learner.learning_rate or learner.max_gradient_norm in another run, or "
         "find the operation with --debug-nans"
     )
 
 
-def _texts(values: ArrayLike) -> str:
-    return "/".join(f"{value:.3g}" for value in np.ravel(values))
+def _texts(mean: Mean, update: int) -> str:
+    """Returns the mean of an update; with several seeds, that of each."""
+    total, weight = np.ravel(mean.total[update]), np.ravel(mean.weight[update])
+    return "/".join(f"{value:.3g}" for value in total / np.where(weight, weight, 1))

@@ -56,7 +56,8 @@ class Experiment:
     updates_per_checkpoint: int = 1000
     seed: int = 0
     opponents: OpponentsConfig = field(default_factory=OpponentsConfig)  # in self-play
-    seeds: int = 1  # trained in one program: seed, seed + 1, …
+    # Trained in one program: seed, seed + 1, …; those of a stream share its pages.
+    seeds: int = 1
     # One after another, as suits a CPU, instead of side by side, as suits a GPU.
     seeds_in_turn: bool = False
     monitor: MonitorConfig | None = None  # evaluates now and then
@@ -108,8 +109,11 @@ class Experiment:
                 "task.shaping.discount must be learner.discount, or other policies "
                 f"become the best, got {shaping.discount} and {discount}."
             )
-        if not 0 <= self.seed < 2**32:
-            raise ValueError(f"seed must be from 0 to 2^32 - 1, got {self.seed}.")
+        if not 0 <= self.seed <= 2**32 - self.seeds:
+            raise ValueError(
+                f"seed must be from 0 to 2^32 - seeds, got {self.seed} and "
+                f"{self.seeds}."
+            )
 
     def _check_opponents(self) -> None:
         """Refuses opponents who would not be met as the config says."""

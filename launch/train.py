@@ -2,12 +2,12 @@
 
 import contextlib
 import dataclasses
+import operator
 import pathlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
 from rich import console as rich_console
@@ -16,8 +16,7 @@ from ..agents.base import Agent, Params
 from ..learners import checkpoint, mesh as meshes
 from ..learners.base import Metrics, Program, TrainState
 from ..learners.program import compile_program, initial_state
-from ..learners.seeds import one_of
-from ..sim import files, names
+from ..sim import files, names, pytrees
 from . import banks, config, divergence, feeds, logbook
 from .experiment import Experiment, agent, environment, keys, learner, over_seeds
 from .feeds import Feed
@@ -75,7 +74,8 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
         feed.restore(restored.metadata["feed"])
         _say(f"continuing {folder} at update {restored.step:,}")
     elif experiment.pretrained is not None:
-        state = state.replace(params=_pretrained(experiment, state.params, mesh))
+        adopt = learns.adopt if experiment.seeds == 1 else jax.vmap(learns.adopt)
+        state = adopt(state, _pretrained(experiment, state.params, mesh))
 
     run = Run(experiment, folder, program, feed, watch, checkpoints)
     with contextlib.closing(feed):
@@ -106,8 +106,7 @@ def _run(run: Run, state: TrainState, log: logbook.Logbook) -> TrainState:
             first, done = done + 1, done + experiment.updates_per_call
             feed.begin(done)
             metrics = jax.device_get(metrics)
-            steps = run.checkpoints.steps
-            divergence.require_finite(metrics, first, run.folder, steps)
+            divergence.require_finite(metrics, first, run.folder, run.checkpoints.saved)
             scalars = _means(metrics) | feed.exchange()
             monitor = experiment.monitor
             if monitor is not None and done % monitor.every == 0:
@@ -161,29 +160,36 @@ def _watch(
         return {
             f"seed{number}/{name}": value
             for number in range(experiment.seeds)
-            for name, value in monitor.evaluate(one_of(state, number).params).items()
+            for name, value in monitor.evaluate(_of(state.params, number)).items()
         }
 
     return of_each
 
 
+def _of(params: Params, number: int) -> Params:
+    """Returns the parameters of one of several seeds."""
+    return jax.tree.map(operator.itemgetter(number), params)
+
+
 def _pretrained(experiment: Experiment, params: Params, mesh: Mesh) -> Params:
-    """Returns the parameters with some parts of another run's."""
+    """Returns the parameters with some parts of another run's.
+
+    Seed i begins with seed i of those of that run, counted round.
+    """
     folder = pathlib.Path(experiment.pretrained or "")
-    load_run(folder)
+    there, here = load_run(folder).seeds, experiment.seeds
+    numbers = np.arange(here) % there
     checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
     for part in experiment.pretrained_parts:
         if part not in params:
             raise names.unknown("part in pretrained_parts", part, sorted(params))
         like = params[part]
-        if experiment.seeds > 1:
-            like = jax.tree.map(lambda leaf: leaf[0], like)
+        one = like if here == 1 else _of(like, 0)
+        like = one if there == 1 else pytrees.spread(one, there)
         restored = checkpoints.restore_part(like, f"{PARAMS}['{part}']")
-        found = jax.tree.map(
-            lambda leaf, wanted: jnp.broadcast_to(leaf, wanted.shape),
-            restored.tree,
-            params[part],
-        )
+        of_each = restored.tree if there > 1 else pytrees.spread(restored.tree, 1)
+        found = jax.tree.map(operator.itemgetter(numbers), of_each)
+        found = found if here > 1 else _of(found, 0)
         params = {**params, part: meshes.replicate(mesh, found)}
         _say(f"{part} from {folder} at update {restored.step:,}")
     return params

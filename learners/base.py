@@ -49,6 +49,11 @@ class TrainState(Record):
 Program = Callable[[TrainState, Bank], tuple[TrainState, Metrics]]
 
 
+def replace_params(train_state: TrainState, params: Params) -> TrainState:
+    """Returns the train state with other parameters, and all else as it was."""
+    return train_state.replace(params=params)
+
+
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Learner:
     """Pure functions, which run on each device of a mesh axis.
@@ -57,12 +62,14 @@ class Learner:
     then learns: `act(train_state, bank, axis_name)` gathers experience, and
     `learn(train_state, experience, bank, axis_name)` gives the state after one more
     update, with metrics. All see that device's share of the bank, and return the same
-    on all devices but for worlds and experience.
+    on all devices but for worlds and experience. `adopt(train_state, params)` is the
+    state before the first update of one who begins with other parameters.
     """
 
     init: Callable[[Key[Array, ""], Bank, str], TrainState]
     act: Callable[[TrainState, Bank, str], tuple[TrainState, Experience]]
     learn: Callable[[TrainState, Experience, Bank, str], tuple[TrainState, Metrics]]
+    adopt: Callable[[TrainState, Params], TrainState] = replace_params
 
     def update(
         self, train_state: TrainState, bank: Bank, axis_name: str

@@ -67,6 +67,11 @@ class Checkpoints:
         names = [path.name for path in self._directory.iterdir()]
         return sorted({int(n) for n in names if n.isdecimal()} - self._damaged)
 
+    def saved(self) -> list[int]:
+        """Lists the steps when no save is under way any more, as `steps` does."""
+        self.wait()
+        return self.steps()
+
     def save(self, step: int, tree: Tree, metadata: Mapping[str, Any]) -> None:
         """Saves a step and returns when it is on disk; raises as `save_async` does."""
         self.save_async(step, tree, metadata)

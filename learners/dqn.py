@@ -18,9 +18,9 @@ from ..sim.dynamics.base import Discrete
 from ..sim.env.base import Environment
 from ..sim.env.demonstrations import Demonstration, Sample
 from ..sim.records import Record
-from . import acting, bc, experience, exploration, optim, q_learning, strata
+from . import acting, bc, experience, exploration, losses, optim, q_learning, strata
 from .acting import Cast
-from .base import Bank, Learner, Mean, Metrics, TrainState, one
+from .base import Bank, Learner, Metrics, TrainState, one
 from .experience import ExperienceConfig
 from .exploration import ExplorationConfig
 from .replay import prioritized
@@ -157,6 +157,7 @@ def double_dqn(
         init=functools.partial(_init, setting),
         act=functools.partial(_act, setting),
         learn=functools.partial(_learn, setting),
+        adopt=_adopt,
     )
 
 
@@ -232,6 +233,12 @@ def _learn(
     }
     counts = {name: one(count) for name, count in counts.items()}
     return train_state, metrics | learned | counts
+
+
+def _adopt(train_state: TrainState, params: Params) -> TrainState:
+    # A copy: the program, which is given both, may write over either.
+    kept = train_state.kept.replace(target=jax.tree.map(jnp.copy, params))
+    return train_state.replace(params=params, kept=kept)
 
 
 def _check(agent: Agent, env: Environment) -> None:
@@ -332,17 +339,8 @@ def _loss(agent: Agent, config: DQNConfig, axis_name: str) -> optim.Loss:
         metrics = q_learning.means(batch.weights, errors, values)
         if shown is not None:
             margin = q_learning.imitation(agent, params, shown, config.margin)
-            total = metrics["loss"].total + config.imitation_weight * _over(
-                margin, metrics["loss"].weight, axis_name
-            )
-            metrics["loss"] = metrics["loss"].replace(total=total)
-            metrics["margin"] = margin
+            parts = [(1.0, metrics["loss"]), (config.imitation_weight, margin)]
+            metrics |= {"margin": margin, "loss": losses.combine(parts, axis_name)}
         return metrics, errors
 
     return loss
-
-
-def _over(mean: Mean, weight: Float[Array, ""], axis_name: str) -> Float[Array, ""]:
-    """Returns the total that adds a mean over all devices to one of another weight."""
-    weight, own = jax.lax.psum((weight, mean.weight), axis_name)
-    return mean.total * jnp.where(own > 0, weight / jnp.where(own > 0, own, 1.0), 0.0)

@@ -148,8 +148,9 @@ def descend(
 
     Returns:
         The train state with new parameters and one more step, the metrics of the loss
-        with those of the step, `gradient_norm` (before clipping, and that of each part
-        of the parameters) and `learning_rate`, and what else the loss returns.
+        with those of the step, `gradient_norm` (before clipping and freezing, and that
+        of each part of the parameters) and `learning_rate`, and what else the loss
+        returns.
     """
 
     def total(params: Params) -> tuple[Array, tuple[Metrics, Any]]:

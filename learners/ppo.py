@@ -143,6 +143,7 @@ def ppo(
         init=functools.partial(_init, setting),
         act=functools.partial(_act, setting),
         learn=functools.partial(_learn, setting),
+        adopt=functools.partial(_adopt, config),
     )
 
 
@@ -162,7 +163,7 @@ def _init(
         key=key,
         kept=Kept(
             normalizer=normalizers.begin(),
-            pasts=pasts.begin(params, config.num_pasts) if config.num_pasts else (),
+            pasts=_pasts(config, params),
             gradient_steps=jnp.zeros((), jnp.int32),
         ),
         worlds=stages.begin(cast, params, bank, share, world_key, per_stratum),
@@ -218,6 +219,15 @@ def _learn(
         worlds=train_state.worlds,
     )
     return moved, told | metrics
+
+
+def _adopt(config: PPOConfig, train_state: TrainState, params: Params) -> TrainState:
+    kept = train_state.kept.replace(pasts=_pasts(config, params))
+    return train_state.replace(params=params, kept=kept)
+
+
+def _pasts(config: PPOConfig, params: Params) -> Pasts | tuple[()]:
+    return pasts.begin(params, config.num_pasts) if config.num_pasts else ()
 
 
 def _check_minibatches(agent: Agent, config: PPOConfig) -> None:

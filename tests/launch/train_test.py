@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 from orbax.checkpoint import v1 as orbax
 
-from drivetrain.launch import logbook
+from drivetrain.launch import config, logbook
+from drivetrain.launch.experiment import Experiment
+from drivetrain.launch.train import train
 from tests.launch.cli_test import TINY
 
 ROUNDING = 1e-5  # relative, of float32 means
@@ -46,19 +48,30 @@ def test_seeds_are_trained_side_by_side_and_evaluated_each(
     assert "has the seeds 0 to 1, got 2" in capsys.readouterr().err
 
 
+@pytest.fixture(scope="module")
+def two(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    """The folder of a run of two seeds."""
+    folder = tmp_path_factory.mktemp("two")
+    (folder / "tiny.yaml").write_text(TINY)
+    run = config.load(folder / "tiny.yaml", Experiment, ("seeds=2",))
+    train(run, folder / "run")
+    return folder / "run"
+
+
+# Seed i begins with seed i of the other run, counted round; the first is then number 5.
+@pytest.mark.parametrize(("seeds", "expected"), [(1, 0), (3, [0, 1, 0])])
 def test_frozen_parts_of_another_run_stay_as_they_were(
-    drivetrain, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture
+    drivetrain, tmp_path: pathlib.Path, two: pathlib.Path, seeds: int, expected
 ) -> None:
     (tmp_path / "tiny.yaml").write_text(TINY)
-    assert drivetrain("train", "tiny.yaml", "--out", "first") == 0
-    begin = ("train", "tiny.yaml", "seed=5", "pretrained=first")
-    frozen = ("learner.part_rates={encoder: 0, head: 0.5}", "--out", "second")
-    assert drivetrain(*begin, *frozen) == 0
-    first, second = (params_of(tmp_path / run, 4) for run in ("first", "second"))
+    words = ("seed=5", f"seeds={seeds}", f"pretrained={two}", "updates=2")
+    frozen = "learner.part_rates={encoder: 0, head: 0.5}"
+    assert drivetrain("train", "tiny.yaml", *words, frozen, "--out", "second") == 0
+    first, second = params_of(two, 4), params_of(tmp_path / "second", 2)
     same = {
-        name: np.array_equal(first[name], second[name])
+        name: np.array_equal(first[name][expected], second[name])
         for name in first
-        if first[name].size > 1
+        if first[name].size > 2
     }
     assert all(is_same for name, is_same in same.items() if "'encoder'" in name)
     assert not any(
@@ -66,8 +79,13 @@ def test_frozen_parts_of_another_run_stay_as_they_were(
         for name, is_same in same.items()
         if "kernel" in name and "'encoder'" not in name
     )
-    capsys.readouterr()
-    assert drivetrain(*begin, "learner.part_rates={encodr: 0}", "--out", "third") == 2
+
+
+def test_a_part_that_is_not_there_has_no_rate(
+    drivetrain, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture
+) -> None:
+    (tmp_path / "tiny.yaml").write_text(TINY)
+    assert drivetrain("train", "tiny.yaml", "learner.part_rates={encodr: 0}") == 2
     assert "did you mean 'encoder'" in capsys.readouterr().err
 
 

@@ -82,6 +82,20 @@ def values(probe: Probe, state: TrainState, step: int, sign: float) -> np.ndarra
     return np.asarray(q_learning.action_values(agent(), state.params, seen))
 
 
+def test_its_target_begins_with_the_parameters_that_it_is_given() -> None:
+    made, mesh = learner(probes.VALUE, config()), meshes.data_mesh()
+    bank = meshes.shard(mesh, probes.bank(mesh.size))
+    one, other = (
+        program.initial_state(made, mesh, jax.random.key(seed), bank)
+        for seed in range(2)
+    )
+    begun = made.adopt(one, other.params)
+    for params in (begun.params, begun.kept.target):
+        jax.tree.map(np.testing.assert_array_equal, params, other.params)
+    # The program may write over what it is given, of which nothing is there twice.
+    program.compile_program(made, mesh, 1)(begun, bank)
+
+
 def test_it_learns_a_value() -> None:
     state, _ = train(learner(probes.VALUE, config()), 60)
     np.testing.assert_allclose(values(probes.VALUE, state, 0, 1), 1.0, atol=LEARNED)
