@@ -34,7 +34,7 @@ class Player:
     env: Environment
     driver_of: Callable[[PyTree, Array], Driver]  # of the number of a scenario too
     params: PyTree  # a copy on each device; empty for rules
-    run_seed: int | None = None  # which of those that a run has trained side by side
+    run_seed: int | None = None  # which of those that a run has trained
 
 
 def players_of(

@@ -21,7 +21,7 @@ def params_of(run: pathlib.Path, step: int) -> dict[str, np.ndarray]:
     return {n: np.asarray(leaf) for n, leaf in found.items() if n.startswith(".params")}
 
 
-def test_seeds_are_trained_side_by_side_and_evaluated_each(
+def test_seeds_are_trained_together_and_evaluated_each(
     drivetrain, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture
 ) -> None:
     (tmp_path / "tiny.yaml").write_text(TINY)
