@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from ..agents.base import Agent, Memory, Params
+from ..sim import ranges
 from ..sim.observations.base import Observation
 from ..sim.records import Record
 from . import normalizer as normalizers, returns, sequences
@@ -33,11 +34,7 @@ class AppraisalConfig:
         Raises:
             ValueError: if a factor is not between 0 and 1.
         """
-        for name in ("discount", "decay"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(
-                    f"{name} must be between 0 and 1, got {getattr(self, name)}."
-                )
+        ranges.require_share(self, "discount", "decay")
 
 
 class Study(Record):

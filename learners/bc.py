@@ -12,6 +12,7 @@ from jaxtyping import Array, Key, PRNGKeyArray, PyTree
 from ..agents.base import Agent, Params
 from ..agents.distributions import Categorical
 from ..agents.factored import FactoredCategorical
+from ..sim import ranges
 from ..sim.data.stratum import Stratum, whole
 from ..sim.env.demonstrations import Demonstration, Sample
 from . import balance, losses, optim, strata
@@ -38,11 +39,7 @@ class CloningConfig(optim.OptimizerConfig):
         """
         super().__post_init__()
         strata.check(self.strata, batch_size=self.batch_size)
-        for name in ("label_smoothing", "class_balance"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(
-                    f"{name} must be from 0 to 1, got {getattr(self, name)}."
-                )
+        ranges.require_share(self, "label_smoothing", "class_balance")
 
     @property
     def num_steps(self) -> int:

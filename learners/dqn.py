@@ -62,11 +62,7 @@ class DQNConfig(optim.OptimizerConfig, ExperienceConfig, ExplorationConfig):
         ExplorationConfig.__post_init__(self)
         strata.check(self.strata, batch_size=self.batch_size)
         ranges.require_at_least(self, target_period=1, total_steps=1)
-        for name in ("imitation_weight", "margin"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ValueError(
-                    f"{name} must be at least 0 and finite, got {getattr(self, name)}."
-                )
+        ranges.require_finite(self, "imitation_weight", "margin")
         if not 0 < self.samples_per_insertion < math.inf:
             raise ValueError(
                 f"samples_per_insertion must be positive, got "

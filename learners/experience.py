@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int, Key, PyTree
 
 from ..agents.base import Params
-from ..sim import pytrees
+from ..sim import pytrees, ranges
 from ..sim.records import Record
 from . import stage as stages, strata
 from .acting import Cast
@@ -49,8 +49,7 @@ class ExperienceConfig:
                 f"reaches beyond an update, got {self.n_step} and "
                 f"{self.steps_per_update}."
             )
-        if not 0 <= self.discount <= 1:
-            raise ValueError(f"discount must be from 0 to 1, got {self.discount}.")
+        ranges.require_share(self, "discount")
         if self.num_worlds * self.steps_per_update > capacity:
             raise ValueError(
                 f"replay.capacity must hold the num_worlds * steps_per_update = "

@@ -1,7 +1,6 @@
 """Goes over what was done several times, in minibatches: the learning part of PPO."""
 
 import dataclasses
-import math
 from collections.abc import Callable
 
 import jax
@@ -41,11 +40,9 @@ class RehearsalConfig:
             ValueError: if a count, weight or limit is out of range.
         """
         ranges.require_at_least(self, epochs=1, minibatches=1, imitation_batch_size=1)
-        for name in ("value_weight", "entropy_weight", "imitation_weight"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ValueError(
-                    f"{name} must be at least 0 and finite, got {getattr(self, name)}."
-                )
+        ranges.require_finite(
+            self, "value_weight", "entropy_weight", "imitation_weight"
+        )
         for name in ("clip", "kl_limit"):
             if getattr(self, name) is not None and not getattr(self, name) > 0:
                 raise ValueError(f"{name} must be positive, got {getattr(self, name)}.")

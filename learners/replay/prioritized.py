@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 
+from ...sim import ranges
 from ...sim.records import Record
 from . import sum_tree
 from .sum_tree import SumTree
@@ -38,15 +39,12 @@ class ReplayConfig:
                 f"capacity must be from 1 to {sum_tree.MAX_CAPACITY:,}, got "
                 f"{self.capacity:,}."
             )
-        for name in (
+        ranges.require_share(
+            self,
             "priority_exponent",
             "importance_exponent",
             "final_importance_exponent",
-        ):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(
-                    f"{name} must be from 0 to 1, got {getattr(self, name)}."
-                )
+        )
         if not 1e-30 <= self.epsilon < math.inf:
             raise ValueError(
                 f"epsilon must be finite and at least 1e-30, since an item without "

@@ -1,13 +1,12 @@
 """Says how episodes begin: when, and how far off the log."""
 
 import dataclasses
-import math
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Int, PRNGKeyArray
 
-from .. import geometry, motions
+from .. import geometry, motions, ranges
 from ..metrics.build import EGO
 from ..motion import Motion
 from ..scene import Scene
@@ -33,11 +32,9 @@ class StartConfig:
             ValueError: if a deviation is no number of at least 0, or `latest` is
                 negative.
         """
-        for name in ("position_noise", "yaw_noise", "speed_noise", "latest"):
-            if not 0 <= getattr(self, name) < math.inf:
-                raise ValueError(
-                    f"{name} must be at least 0 and finite, got {getattr(self, name)}."
-                )
+        ranges.require_finite(
+            self, "position_noise", "yaw_noise", "speed_noise", "latest"
+        )
 
     @property
     def has_noise(self) -> bool:

@@ -244,7 +244,7 @@ def test_past_selves_are_handed_to_the_task() -> None:
         ({"num_worlds": 12}, "num_worlds must be a positive multiple of strata"),
         ({"steps_per_update": 0}, "steps_per_update must be at least 1"),
         ({"num_pasts": -1}, "num_pasts must be at least 0"),
-        ({"discount": 1.1}, "discount must be between 0 and 1"),
+        ({"discount": 1.1}, "discount must be from 0 to 1"),
         ({"learning_rate": 0.0}, "must be positive"),
         ({"epochs": 0}, "epochs must be at least 1"),
         (
