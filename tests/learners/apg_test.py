@@ -27,22 +27,30 @@ CONFIG = AnalyticConfig(
 )
 
 
-def environment() -> Environment:
-    """Makes a world in which only the first action moves, and all later steps pay."""
+def environment(spread: float = 0.0) -> Environment:
+    """Makes a world in which only the first action moves, and the last step pays.
+
+    Args:
+        spread: how far from 0 episodes may begin, by their scenario and key.
+    """
 
     def reset(bank: Bank, index: jax.Array, key: jax.Array) -> State:
+        coin_key = probes.coin_key(bank, index, key)
         empty = {field.name: () for field in dataclasses.fields(State)}
         here = {
             "index": index,
             "step": jnp.int32(0),
-            "sim_agent": jnp.float32(0.0),  # where it stands
+            "sim_agent": jax.random.uniform(
+                coin_key, (), minval=-spread, maxval=spread
+            ),
             "admitted": jnp.ones(1, bool),
             "key": key,
         }
         return State(**empty | here)
 
     def step(bank: Bank, state: State, action: jax.Array) -> tuple[State, Timestep]:
-        place = jnp.where(state.step == 0, action[0], state.sim_agent)
+        start = state.sim_agent  # where it stands
+        place = jnp.where(state.step == 0, start + action[0], start)
         late = state.step + 1 == LAST
         timestep = Timestep(
             acted=jnp.bool_(True),
@@ -61,8 +69,12 @@ def environment() -> Environment:
     return Environment(BOUNDS, reset, step, observe)
 
 
-def agent() -> Agent:
-    """Builds an agent of one number, the mean of its action before squashing."""
+def agent(spread: float = 0.0) -> Agent:
+    """Builds an agent of one number, the mean of its action before squashing.
+
+    Args:
+        spread: how much of it depends on the key.
+    """
 
     def step(
         params: dict[str, jax.Array], memory: Memory, observation: Observation
@@ -75,13 +87,15 @@ def agent() -> Agent:
         )
         return memory, Output(policy=policy, value=jnp.zeros(()))
 
-    init = {"mean": jnp.float32(-0.3)}
-    return Agent(init=lambda key: init, memory=lambda: (), step=step)
+    def init(key: jax.Array) -> dict[str, jax.Array]:
+        return {"mean": jnp.float32(-0.3) + spread * jax.random.normal(key)}
+
+    return Agent(init=init, memory=lambda: (), step=step)
 
 
-def learner(config: AnalyticConfig = CONFIG) -> Learner:
-    optimizer = optim.adam(config)
-    return analytic_policy_gradient(environment(), agent(), optimizer, config)
+def learner(config: AnalyticConfig = CONFIG, spread: float = 0.0) -> Learner:
+    optimizer, env = optim.adam(config), environment(spread)
+    return analytic_policy_gradient(env, agent(spread), optimizer, config)
 
 
 def trained(config: AnalyticConfig, num_updates: int) -> tuple[TrainState, Metrics]:

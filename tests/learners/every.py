@@ -1,5 +1,6 @@
 """Builds a small one of every learner, with the bank that it learns from."""
 
+import functools
 from collections.abc import Callable
 
 import optax
@@ -55,5 +56,5 @@ LEARNERS: dict[str, tuple[Callable[[], Learner], Callable[[int], Bank]]] = {
     "wayformer": (forecasting, toy.bank),
     "dqn": (valuing, probes.bank),
     "ppo": (playing, probes.bank),
-    "apg": (apg_test.learner, probes.bank),
+    "apg": (functools.partial(apg_test.learner, spread=0.2), probes.bank),
 }
