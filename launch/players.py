@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import operator
 import pathlib
 from collections.abc import Callable
 
@@ -11,6 +10,7 @@ from jaxtyping import Array, PyTree
 from rich import console as rich_console
 
 from ..learners import acting, checkpoint, mesh as meshes
+from ..learners.seeds import one_of
 from ..sim.dynamics import build as dynamics
 from ..sim.env import build as tasks, drivers
 from ..sim.env.base import Driver, Environment
@@ -154,12 +154,11 @@ def trained(
     if experiment.seeds == 1:
         return [player]
     numbers = range(experiment.seeds) if seed is None else (seed,)
-    params = [
-        jax.tree.map(operator.itemgetter(number), restored.tree) for number in numbers
-    ]
     return [
-        dataclasses.replace(player, params=own, run_seed=number)
-        for number, own in zip(numbers, params, strict=True)
+        dataclasses.replace(
+            player, params=one_of(restored.tree, number), run_seed=number
+        )
+        for number in numbers
     ]
 
 

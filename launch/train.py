@@ -16,6 +16,7 @@ from ..agents.base import Agent, Params
 from ..learners import checkpoint, mesh as meshes
 from ..learners.base import Metrics, Program, TrainState
 from ..learners.program import compile_program, initial_state
+from ..learners.seeds import one_of
 from ..sim import files, names, pytrees
 from . import banks, config, divergence, feeds, logbook
 from .experiment import Experiment, agent, environment, keys, learner, over_seeds
@@ -160,15 +161,10 @@ def _watch(
         return {
             f"seed{number}/{name}": value
             for number in range(experiment.seeds)
-            for name, value in monitor.evaluate(_of(state.params, number)).items()
+            for name, value in monitor.evaluate(one_of(state.params, number)).items()
         }
 
     return of_each
-
-
-def _of(params: Params, number: int) -> Params:
-    """Returns the parameters of one of several seeds."""
-    return jax.tree.map(operator.itemgetter(number), params)
 
 
 def _pretrained(experiment: Experiment, params: Params, mesh: Mesh) -> Params:
@@ -184,12 +180,12 @@ def _pretrained(experiment: Experiment, params: Params, mesh: Mesh) -> Params:
         if part not in params:
             raise names.unknown("part in pretrained_parts", part, sorted(params))
         like = params[part]
-        one = like if here == 1 else _of(like, 0)
+        one = like if here == 1 else one_of(like, 0)
         like = one if there == 1 else pytrees.spread(one, there)
         restored = checkpoints.restore_part(like, f"{PARAMS}['{part}']")
         of_each = restored.tree if there > 1 else pytrees.spread(restored.tree, 1)
         found = jax.tree.map(operator.itemgetter(numbers), of_each)
-        found = found if here > 1 else _of(found, 0)
+        found = found if here > 1 else one_of(found, 0)
         params = {**params, part: meshes.replicate(mesh, found)}
         _say(f"{part} from {folder} at update {restored.step:,}")
     return params

@@ -5,11 +5,15 @@ there one after another is no slower, and often faster. Every array of a train s
 several has a leading axis of seeds; those of their metrics are `[updates, seeds]`.
 """
 
+from typing import TypeVar
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from .base import Bank, Metrics, Program, TrainState
+
+Tree = TypeVar("Tree")
 
 
 def side_by_side(run: Program) -> Program:
@@ -39,10 +43,10 @@ def in_turn(run: Program) -> Program:
     return run_each
 
 
-def one_of(train_states: TrainState, number: int | Int[Array, ""]) -> TrainState:
-    """Returns the train state of one of several seeds."""
+def one_of(of_seeds: Tree, number: int | Int[Array, ""]) -> Tree:
+    """Returns what one of several seeds has of a tree, such as their train states."""
 
     def take(leaf: Array) -> Array:
         return jax.lax.dynamic_index_in_dim(leaf, number, 0, keepdims=False)
 
-    return jax.tree.map(take, train_states)
+    return jax.tree.map(take, of_seeds)
