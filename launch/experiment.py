@@ -10,12 +10,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Key
 
 from ..agents import build as agents
-from ..agents.base import Agent, Params
+from ..agents.base import Agent
 from ..learners import actors, build as learners, opponents, seeds
 from ..learners.base import Learner, Program
 from ..learners.bc import CloningConfig, Draw
 from ..learners.forecasting import ForecastConfig
 from ..learners.opponents import OpponentsConfig
+from ..learners.pasts import Pasts
 from ..learners.ppo import EnvironmentOf
 from ..sim import ranges
 from ..sim.data import loader
@@ -202,7 +203,7 @@ def learner(experiment: Experiment, env: Environment, agent: Agent) -> Learner:
 def _environment_of(
     experiment: Experiment, env: Environment, agent: Agent
 ) -> EnvironmentOf:
-    """Returns the task given the parameters of a past self."""
+    """Returns the task given the past selves that are kept."""
     task, mix = experiment.task, experiment.opponents
     if not isinstance(task, tasks.SelfPlayConfig) or mix == OpponentsConfig():
         return lambda past: env
@@ -210,9 +211,11 @@ def _environment_of(
     observer = observations.build(experiment.observation)
     controls = moving_vehicles(task.controlled)
 
-    def env_of(past: Params) -> Environment:
-        past_self = opponents.self_of(agent, past, moves, observer)
-        others = opponents.others(controls, mix, past_self)
+    def env_of(pasts: Pasts | tuple[()]) -> Environment:
+        past = None
+        if isinstance(pasts, Pasts):
+            past = opponents.past_self(agent, pasts, moves, observer)
+        others = opponents.others(controls, mix, past)
         return tasks.build(task, moves, observer, others, opponents.team(controls, mix))
 
     return env_of

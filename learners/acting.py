@@ -15,7 +15,7 @@ from ..sim.data.stratum import Stratum
 from ..sim.dynamics.base import Action
 from ..sim.env import rollout
 from ..sim.env.base import Act, Driver, Environment, State
-from ..sim.metrics.base import Measure
+from ..sim.metrics.base import Measure, only
 from ..sim.observations.base import Observation
 from ..sim.records import Record
 from ..sim.scene import Scene
@@ -227,7 +227,7 @@ def _play(
         discount=discount,
         mask=mask,
         ended=ended,
-        measures=_masked(measures, mask),
+        measures=only(measures, mask),
     )
     fresh = actors.memory(env, agent, len(state.admitted))
     memory = pytrees.where(mask, memory, fresh)
@@ -267,12 +267,3 @@ def greedy(agent: Agent, env: Environment) -> Callable[[PyTree, Array], Driver]:
         return Driver(reset, act)
 
     return driver_of
-
-
-def _masked(
-    measures: dict[str, Measure], mask: Bool[Array, "*actors"]
-) -> dict[str, Measure]:
-    return {
-        name: measure.replace(valid=measure.valid & mask)
-        for name, measure in measures.items()
-    }

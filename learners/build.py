@@ -34,7 +34,7 @@ def build(
     Args:
         config: what to build; its type says which.
         agent: the policy it improves.
-        env_of: where it acts, given the parameters of a past self, if it meets any.
+        env_of: where it acts, given the past selves that are kept, if any are met.
         sample: draws what it imitates from the bank, one at a time.
 
     Raises:

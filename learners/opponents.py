@@ -4,14 +4,21 @@ import dataclasses
 
 from jaxtyping import Array, Int
 
-from ..agents.base import Agent, Memory, Params
+from ..agents.base import Agent, Memory
 from ..sim.dynamics.base import Action, Dynamics
 from ..sim.env import controlled
 from ..sim.env.base import Controls
+from ..sim.env.starts import lot_key
+from ..sim.motion import Motion
 from ..sim.observations.base import Observer, View
+from ..sim.scene import Scene
 from ..sim.sim_agents import build as sim_agents, learned
-from ..sim.sim_agents.base import SimAgent
+from ..sim.sim_agents.base import Carry, SimAgent
 from ..sim.sim_agents.mixture import mixture
+from . import pasts as ring
+from .pasts import Pasts
+
+PAST_LOT = 2  # the number of drawing a past self; 1 is of `controlled.LOTS`
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -48,40 +55,60 @@ def team(controls: Controls, config: OpponentsConfig) -> Controls:
 
 
 def others(
-    controls: Controls, config: OpponentsConfig, past_self: SimAgent
+    controls: Controls, config: OpponentsConfig, past: SimAgent | None
 ) -> SimAgent:
     """Builds the sim agent that drives all others.
 
     Args:
         controls: the whole set; whoever is not in it follows the log.
         config: the parts of the set.
-        past_self: drives the part of past selves.
+        past: drives the part of past selves; None where that is empty.
     """
-    idm, after = sim_agents.build("idm"), config.myself + config.past
-    parts = [
-        (past_self, controlled.share(controls, config.past, config.myself)),
-        (idm, controlled.share(controls, config.idm, after)),
-    ]
-    wanted = [config.past > 0, config.idm > 0]
-    return mixture([part for part, is_met in zip(parts, wanted, strict=True) if is_met])
+    parts = []
+    if past is not None:
+        mask = controlled.share(controls, config.past, config.myself)
+        parts.append((past, mask))
+    if config.idm:
+        mask = controlled.share(controls, config.idm, config.myself + config.past)
+        parts.append((sim_agents.build("idm"), mask))
+    return mixture(parts)
 
 
-def self_of(
-    agent: Agent, params: Params, dynamics: Dynamics, observer: Observer
+def past_self(
+    agent: Agent, pasts: Pasts, dynamics: Dynamics, observer: Observer
 ) -> SimAgent:
-    """Builds the sim agent by which each object does what an agent finds likeliest.
+    """Builds the sim agent that is one past self in each episode, drawn as it begins.
+
+    Each object does what the past self finds likeliest. One that is replaced in the
+    ring meanwhile goes on as its successor.
 
     Args:
         agent: of one object.
-        params: when it was frozen.
+        pasts: the parameters of its past selves.
         dynamics: of its actions.
         observer: what it sees.
     """
 
-    def act(
-        memory: Memory, view: View, number: Int[Array, ""]
-    ) -> tuple[Memory, Action]:
-        memory, output = agent.step(params, memory, observer.observe(view, number))
-        return memory, output.policy.mode()
+    def at(place: Int[Array, ""]) -> SimAgent:
+        params = ring.at(pasts, place)
 
-    return learned.remembering(act, agent.memory(), dynamics, observer.history)
+        def act(
+            memory: Memory, view: View, number: Int[Array, ""]
+        ) -> tuple[Memory, Action]:
+            memory, output = agent.step(params, memory, observer.observe(view, number))
+            return memory, output.policy.mode()
+
+        return learned.remembering(act, agent.memory(), dynamics, observer.history)
+
+    def reset(scene: Scene) -> Carry:
+        place = ring.draw(pasts, lot_key(scene, PAST_LOT))
+        return place, at(place).reset(scene)
+
+    def step(
+        scene: Scene, carry: Carry, motion: Motion, step: Int[Array, ""]
+    ) -> tuple[Carry, Motion]:
+        place, memory = carry
+        memory, moved = at(place).step(scene, memory, motion, step)
+        return (place, memory), moved
+
+    return SimAgent("past self", reset, step)

@@ -33,8 +33,12 @@ def keep(pasts: Pasts, params: Params, wanted: Array) -> Pasts:
     )
 
 
-def draw(pasts: Pasts, key: Key[Array, ""]) -> Params:
-    """Draws one of those in the ring, each as likely."""
+def draw(pasts: Pasts, key: Key[Array, ""]) -> Int[Array, ""]:
+    """Draws the place of one of those in the ring, each as likely."""
     size = len(jax.tree.leaves(pasts.params)[0])
-    slot = jax.random.randint(key, (), 0, jnp.minimum(pasts.count, size))
-    return jax.tree.map(lambda ring: ring[slot], pasts.params)
+    return jax.random.randint(key, (), 0, jnp.minimum(pasts.count, size))
+
+
+def at(pasts: Pasts, place: Int[Array, ""]) -> Params:
+    """Returns those at a place of the ring."""
+    return jax.tree.map(lambda ring: ring[place], pasts.params)

@@ -34,7 +34,7 @@ from .rehearsal import Lesson, Pupil, RehearsalConfig
 from .returns import Worth
 
 # The task, some of whose sim agents may act by parameters that the agent once had.
-EnvironmentOf = Callable[[Params], Environment]
+EnvironmentOf = Callable[[Pasts | tuple[()]], Environment]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -153,7 +153,8 @@ def _init(
     config, pupil = setting.config, setting.pupil
     key, params_key, world_key = jax.random.split(key, 3)
     params = pupil.agent.init(params_key)
-    cast = Cast(setting.env_of(params), pupil.agent, sequences.explore)
+    past = _pasts(config, params)
+    cast = Cast(setting.env_of(past), pupil.agent, sequences.explore)
     share = strata.share(config.strata, axis_name)
     per_stratum = config.num_worlds // config.strata
     return TrainState(
@@ -163,7 +164,7 @@ def _init(
         key=key,
         kept=Kept(
             normalizer=normalizers.begin(),
-            pasts=_pasts(config, params),
+            pasts=past,
             gradient_steps=jnp.zeros((), jnp.int32),
         ),
         worlds=stages.begin(cast, params, bank, share, world_key, per_stratum),
@@ -174,10 +175,9 @@ def _act(
     setting: Setting, train_state: TrainState, bank: Bank, axis_name: str
 ) -> tuple[TrainState, Seen]:
     config = setting.config
-    key, past_key, act_key = jax.random.split(train_state.key, 3)
-    params, kept = train_state.params, train_state.kept
+    key, act_key = jax.random.split(train_state.key)
+    params, past = train_state.params, train_state.kept.pasts
     share = strata.share(config.strata, axis_name)
-    past = pasts.draw(kept.pasts, past_key) if config.num_pasts else params
     cast = Cast(setting.env_of(past), setting.pupil.agent, sequences.explore)
     stage, played, told = stages.play(
         cast, params, bank, share, act_key, train_state.worlds, config.steps_per_update

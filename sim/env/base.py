@@ -43,6 +43,7 @@ class State(Record):
     sim_agent: Any  # what the sim agent remembers
     goal: Goal  # constant in an episode
     teams: tuple[Bool[Array, " objects"], ...]  # whom each controls; constant too
+    removable: Bool[Array, " objects"]  # whose part may end early; constant too
     admitted: Bool[Array, " objects"]  # may be there: not removed, not too late
     controls: Float[Array, "objects features"]  # of the last actions; coasting at first
     key: PRNGKeyArray  # constant in an episode; views fold their step into it

@@ -98,15 +98,17 @@ def build(
         dynamics: of whoever is controlled.
         observer: what they see.
         sim_agent: drives all others, instead of the one that the config names.
-        controls: in self-play, who is controlled, instead of all that the config says.
+        controls: in self-play, who is controlled, instead of all that the config says;
+            others of them are removed all the same.
     """
     others = sim_agent or sim_agents.build(config.sim_agent)
     ends = () if isinstance(config, PlanningConfig) else config.remove_at
     reward, metrics = reward_of(config.reward, config.shaping, ends)
     if isinstance(config, PlanningConfig):
         return planning(dynamics, others, observer, reward, metrics, config.starts)
+    whole = moving_vehicles(config.controlled)
     return multi_agent(
-        (Team(dynamics, controls or moving_vehicles(config.controlled)),),
+        (Team(dynamics, controls or whole),),
         others,
         observer,
         reward,
@@ -117,6 +119,7 @@ def build(
             max_actors=config.controlled.max_objects,
             starts=config.starts,
         ),
+        rivals=whole,
     )
 
 

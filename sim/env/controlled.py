@@ -11,9 +11,9 @@ from ..metrics.build import EGO
 from ..scenario import ObjectType
 from ..scene import Scene
 from .base import Controls, State
-from .starts import StartScene
+from .starts import lot_key
 
-LOTS = 1  # what the key of an episode is folded with to draw lots
+LOTS = 1  # the number of drawing parts of a set
 ROUNDING = 1e-4  # of places: sums of fractions, times some hundred objects, in float32
 
 
@@ -26,6 +26,11 @@ def ego(scene: Scene) -> Bool[Array, " objects"]:
 def everyone(scene: Scene) -> Bool[Array, " objects"]:
     """Returns the mask of all objects."""
     return scene.object_mask
+
+
+def nobody(scene: Scene) -> Bool[Array, " objects"]:
+    """Returns the mask of no object."""
+    return jnp.zeros_like(scene.object_mask)
 
 
 def of_type(*kinds: ObjectType) -> Controls:
@@ -126,10 +131,8 @@ def share(controls: Controls, fraction: float, first: float = 0.0) -> Controls:
         )
 
     def part(scene: Scene) -> Bool[Array, " objects"]:
-        if not isinstance(scene, StartScene):
-            raise TypeError("shares are drawn as an episode begins, of its StartScene.")
         mask = controls(scene)
-        lots = jax.random.uniform(jax.random.fold_in(scene.key, LOTS), mask.shape)
+        lots = jax.random.uniform(lot_key(scene, LOTS), mask.shape)
         lots = jnp.where(mask, lots, jnp.inf)
         rank = jnp.sum(lots[None] < lots[:, None], axis=1)  # among those of the set
         count = jnp.sum(mask)

@@ -6,7 +6,8 @@ of many objects act, `max_actors` has only those few observed.
 
 A controlled object stays from its first valid step to the end of the log, or until it
 is removed: then it is neither seen nor hit any more. The step that removes it still
-gives its reward and its measures.
+gives its reward and its measures. Others may be removed as those who act are, such as
+past selves whom they meet.
 """
 
 import dataclasses
@@ -18,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray
 
 from .. import motions, names
 from ..data.bank import Bank
-from ..metrics.base import Measure, Metric, Moment, is_any_positive
+from ..metrics.base import Measure, Metric, Moment, is_any_positive, only
 from ..metrics.build import EGO, METRICS, measure_all
 from ..motion import Motion
 from ..observations.base import Observation, Observer
@@ -26,15 +27,15 @@ from ..rewards import Reward
 from ..scene import Scene
 from ..sim_agents.base import Carry, SimAgent
 from . import controlled, world
-from .base import Act, Environment, State, Team, Timestep
-from .starts import AS_LOGGED, StartConfig
+from .base import Act, Controls, Environment, State, Team, Timestep
+from .starts import AS_LOGGED, StartConfig, StartScene
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MultiAgentConfig:
     """Who takes part, and until when."""
 
-    remove_at: tuple[str, ...] = ()  # metrics that end an object's part where positive
+    remove_at: tuple[str, ...] = ()  # metrics that end a part where positive
     joins_later: bool = True  # whether objects appear after the start, as in the log
     max_actors: int | None = None  # the first ones are controlled; None: all
     starts: StartConfig = AS_LOGGED
@@ -47,6 +48,7 @@ def multi_agent(
     reward: Reward,
     metrics: Sequence[Metric] = METRICS,
     config: MultiAgentConfig = MultiAgentConfig(),
+    rivals: Controls = controlled.nobody,
 ) -> Environment:
     """Builds the environment.
 
@@ -58,6 +60,7 @@ def multi_agent(
         reward: of each object, of the state after the action.
         metrics: what is measured of each object.
         config: who takes part, and until when.
+        rivals: whose part ends as that of the teams', whoever drives them.
 
     Raises:
         ValueError: if there is no team, or objects are to be removed at a metric that
@@ -77,13 +80,17 @@ def multi_agent(
             config.max_actors,
         )
         late = state.admitted if config.joins_later else state.motion.valid
-        return state.replace(admitted=late)
+        scene = StartScene(bank=bank, index=index, start=state.step, key=state.key)
+        return state.replace(admitted=late, removable=state.removable | rivals(scene))
 
     def step(bank: Bank, state: State, actions: Act) -> tuple[State, Timestep]:
         moment, carry, controls = _advance(teams, sim_agent, bank, state, actions)
-        acted = state.controlled & state.motion.valid
-        measures = _measure(moment, metrics, acted)
-        admitted = state.admitted & ~is_any_positive(measures, config.remove_at)
+        there = state.motion.valid
+        acted = state.controlled & there
+        measures = _measure(moment, metrics)
+        ends = is_any_positive(measures, config.remove_at)
+        admitted = state.admitted & ~(ends & state.removable & there)
+        measures = only(measures, acted)
         motion = motions.only(admitted, moment.after)
         following = world.follow(state, motion, carry, controls)
         goes_on = state.controlled & admitted
@@ -152,18 +159,17 @@ def _move(
     return motion, controls
 
 
-def _measure(
-    moment: Moment, metrics: Sequence[Metric], acted: Bool[Array, " objects"]
-) -> dict[str, Measure]:
-    """Measures each object that acted; what needs the ego's paths, of the ego alone."""
-    is_ego = jnp.arange(len(acted)) == EGO
+def _measure(moment: Moment, metrics: Sequence[Metric]) -> dict[str, Measure]:
+    """Measures each object; what needs the ego's paths, of the ego alone."""
+    shape = moment.after.valid.shape
+    is_ego = jnp.arange(shape[0]) == EGO
     measures = measure_all(moment, metrics)
     for metric in metrics:
         measure = measures[metric.name]
-        valid = acted & is_ego if metric.ego_only else acted
+        valid = is_ego & measure.valid if metric.ego_only else measure.valid
         measures[metric.name] = Measure(
-            value=jnp.broadcast_to(measure.value, acted.shape),
-            valid=valid & measure.valid,
+            value=jnp.broadcast_to(measure.value, shape),
+            valid=jnp.broadcast_to(valid, shape),
         )
     return measures
 

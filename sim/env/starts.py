@@ -49,12 +49,27 @@ class StartScene(Scene):
     """A scenario as an episode sees it, whose first step is the current one."""
 
     start: Int[Array, ""]
-    key: PRNGKeyArray  # of all that is random in the episode: fold a number of yours in
+    key: PRNGKeyArray  # of all that is random in the episode: see `lot_key`
 
     @property
     def current_step(self) -> Int[Array, ""]:
         """The step with which the episode begins."""
         return self.start
+
+
+def lot_key(scene: Scene, number: int) -> PRNGKeyArray:
+    """Returns the key by which something is drawn once an episode.
+
+    Args:
+        scene: of the episode as it begins.
+        number: of what is drawn; each has one of its own.
+
+    Raises:
+        TypeError: if no episode begins.
+    """
+    if not isinstance(scene, StartScene):
+        raise TypeError("lots are drawn as an episode begins, of its StartScene.")
+    return jax.random.fold_in(scene.key, number)
 
 
 def choose(config: StartConfig, scene: Scene, key: PRNGKeyArray) -> Int[Array, ""]:

@@ -62,6 +62,7 @@ def begin(
         sim_agent=sim_agent.reset(scene),
         goal=logged_goal(scene, motion),
         teams=tuple(masks),
+        removable=taken,
         admitted=scene.object_mask,
         controls=_coasting(bank, teams, masks, motion),
         key=key,

@@ -41,6 +41,16 @@ def is_any_positive(
     return is_any
 
 
+def only(
+    measures: Mapping[str, Measure], mask: Bool[Array, "*objects"]
+) -> dict[str, Measure]:
+    """Returns measures that are valid of those of a mask alone."""
+    return {
+        name: measure.replace(valid=measure.valid & mask)
+        for name, measure in measures.items()
+    }
+
+
 @dataclasses.dataclass(frozen=True)
 class Metric:
     """A named measure of one object in a moment; all objects by vmap.

@@ -1,13 +1,18 @@
 """Tests that the experiments of `configs/` are whole and fit together."""
 
 import dataclasses
+import functools
 import importlib.resources
 
 import jax
+import jax.numpy as jnp
 import pytest
 
+from drivetrain.agents.build import AgentConfig
+from drivetrain.agents.encoders.flat import FlatConfig
 from drivetrain.launch import config
 from drivetrain.launch.experiment import Experiment, agent, environment, keys, learner
+from drivetrain.learners import mesh as meshes, program
 from drivetrain.learners.bc import CloningConfig
 from drivetrain.learners.dqn import DQNConfig
 from drivetrain.learners.opponents import OpponentsConfig
@@ -71,6 +76,26 @@ def test_every_config_says_what_it_is_on_what_and_by_which_command(name: str) ->
 def test_opponents_who_would_not_be_met_are_refused(fields: dict, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Experiment(data="none", **fields)
+
+
+def test_a_learner_against_a_mixture_is_one_program() -> None:
+    mixed = Experiment(
+        data="none",
+        task=SelfPlayConfig(),
+        opponents=OpponentsConfig(myself=0.5, past=0.25, idm=0.25),
+        agent=AgentConfig(encoder=FlatConfig(widths=(8,))),
+        learner=PPOConfig(num_pasts=2, num_worlds=8, steps_per_update=4),
+    )
+    mesh, one = meshes.data_mesh(), worlds.bank("generated")
+    bank = jax.tree.map(lambda leaf: jnp.stack([leaf] * mesh.size), one)
+    env = environment(mixed)
+    made = learner(mixed, env, agent(mixed, env, jax.eval_shape(lambda: one)))
+    begin = functools.partial(program.initial_state, made, mesh)
+    state = jax.eval_shape(begin, keys(mixed), bank)
+    run = program.compile_program(made, mesh, updates_per_call=2)
+    after, metrics = jax.eval_shape(run, state, bank)
+    assert jax.tree.map(jnp.shape, after) == jax.tree.map(jnp.shape, state)
+    assert metrics["loss"].total.shape == (2,)
 
 
 @pytest.mark.parametrize(

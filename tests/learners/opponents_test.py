@@ -9,7 +9,7 @@ import pytest
 
 from drivetrain.agents.base import Agent, Output
 from drivetrain.agents.distributions import Categorical
-from drivetrain.learners import opponents
+from drivetrain.learners import opponents, pasts
 from drivetrain.learners.opponents import OpponentsConfig
 from drivetrain.sim.dynamics import build as dynamics
 from drivetrain.sim.env import controlled
@@ -104,8 +104,9 @@ def counting_agent() -> Agent:
 
 def test_everybody_is_driven_by_whom_the_parts_say() -> None:
     bank, agent = worlds.bank("generated"), counting_agent()
-    past_self = opponents.self_of(agent, jnp.float32(1.0), SPACE, BLIND)
-    others = opponents.others(WHOLE, CONFIG, past_self)
+    kept = pasts.begin(jnp.float32(1.0), 2)
+    past = opponents.past_self(agent, kept, SPACE, BLIND)
+    others = opponents.others(WHOLE, CONFIG, past)
     env = multi_agent(
         (Team(SPACE, opponents.team(WHOLE, CONFIG)),),
         others,
@@ -150,3 +151,44 @@ def test_everybody_is_driven_by_whom_the_parts_say() -> None:
             )
         rule = rule_next[0]
         state = step(state)
+
+
+def test_each_episode_meets_one_past_self() -> None:
+    # Of two past selves one finds the first action likeliest, the other the last.
+    last = SPACE.action_spec.num_actions - 1
+    kept = pasts.keep(pasts.begin(jnp.int32(0), 2), jnp.int32(last), jnp.bool_(True))
+
+    def step(params, memory, observation):
+        logits = jax.nn.one_hot(params, SPACE.action_spec.num_actions)
+        return memory, Output(policy=Categorical(logits=logits), value=jnp.zeros(()))
+
+    agent = Agent(init=lambda key: jnp.int32(0), memory=lambda: (), step=step)
+    past = opponents.past_self(agent, kept, SPACE, BLIND)
+    here, num_steps = scene(0), 4
+
+    @jax.jit
+    @jax.vmap
+    def places(key: jax.Array) -> jax.Array:
+        """Tells which of the two acts at each step of an episode."""
+        begun = here.replace(key=key)
+        motion = begun.log_at(begun.start)
+        # Only the first is looked at, which is there.
+        both = [
+            SPACE.forward(
+                motion, begun.object_size, jnp.full(len(motion.yaw), number), 0.1
+            ).xy[0]
+            for number in (0, last)
+        ]
+
+        def step(carry, number):
+            carry, moved = past.step(begun, carry, motion, begun.start + number)
+            away = [jnp.max(jnp.abs(moved.xy[0] - xy)) for xy in both]
+            return carry, jnp.stack(away)
+
+        return jax.lax.scan(step, past.reset(begun), jnp.arange(num_steps))[1]
+
+    away = np.asarray(places(jax.random.split(jax.random.key(0), NUM_EPISODES)))
+    acts = away < ROUNDING
+    np.testing.assert_array_equal(acts.sum(axis=2), 1)
+    np.testing.assert_array_equal(acts, np.repeat(acts[:, :1], num_steps, axis=1))
+    assert abs(acts[:, 0, 1].mean() - 0.5) < SAMPLING

@@ -17,7 +17,8 @@ def params(number: int) -> dict[str, jax.Array]:
 
 def drawn(ring: pasts.Pasts) -> np.ndarray:
     keys = jax.random.split(jax.random.key(0), NUM_DRAWS)
-    return np.asarray(jax.vmap(lambda key: pasts.draw(ring, key))(keys)["w"][:, 0])
+    draw = jax.vmap(lambda key: pasts.at(ring, pasts.draw(ring, key)))
+    return np.asarray(draw(keys)["w"][:, 0])
 
 
 def test_only_those_put_in_are_drawn() -> None:

@@ -12,6 +12,7 @@ from drivetrain.agents.base import Agent, Output
 from drivetrain.agents.distributions import Categorical
 from drivetrain.learners import mesh as meshes, optim, program
 from drivetrain.learners.base import Metrics, TrainState
+from drivetrain.learners.pasts import Pasts
 from drivetrain.learners.ppo import PPOConfig, ppo
 from drivetrain.sim.data.bank import Bank
 from drivetrain.sim.data.stratum import Stratum
@@ -209,31 +210,28 @@ def test_the_critic_explains_returns_once_it_is_right() -> None:
 
 
 def test_past_selves_are_handed_to_the_task() -> None:
-    # A sim agent's parameter as reward: the mean of all that it was.
-    def env_of(past: dict[str, jax.Array]) -> Environment:
-        told = past["table"][0, 0]
+    # The task pays the sum of all parameters of the newest of two past selves.
+    def env_of(pasts: Pasts | tuple[()]) -> Environment:
+        assert isinstance(pasts, Pasts)
+        newest = (pasts.count - 1) % 2
+        told = jnp.sum(pasts.params["table"][newest])
         return probes.environment(
             dataclasses.replace(probes.VALUE, reward=lambda *_: told)
         )
 
-    def rewards(num_pasts: int) -> tuple[list[float], list[float]]:
-        config = dataclasses.replace(CONFIG, num_pasts=num_pasts, past_every=3)
-        learner = ppo(LINEAR, env_of, no_sample, optim.adam(config), config)
-        mesh = meshes.data_mesh()
-        run = program.compile_program(learner, mesh, 1)
-        bank = meshes.shard(mesh, probes.bank(mesh.size))
-        state = program.initial_state(learner, mesh, jax.random.key(0), bank)
-        before, found = [], []
-        for _ in range(9):
-            before.append(float(state.params["table"][0, 0]))
-            state, metrics = run(state, bank)
-            told = metrics["episode/return"]
-            found.append(float(told.total[0] / told.weight[0]))
-        return before, found
-
-    before, found = rewards(0)
-    np.testing.assert_allclose(found, before, rtol=ROUNDING)
-    before, found = rewards(1)
+    config = dataclasses.replace(CONFIG, num_pasts=2, past_every=3)
+    learner = ppo(LINEAR, env_of, no_sample, optim.adam(config), config)
+    mesh = meshes.data_mesh()
+    run = program.compile_program(learner, mesh, 1)
+    bank = meshes.shard(mesh, probes.bank(mesh.size))
+    state = program.initial_state(learner, mesh, jax.random.key(0), bank)
+    before, found = [], []
+    for _ in range(9):
+        before.append(float(jnp.sum(state.params["table"])))
+        state, metrics = run(state, bank)
+        told = metrics["episode/return"]
+        found.append(float(told.total[0] / told.weight[0]))
+    assert len(set(before)) == 9
     expected = np.repeat([before[0], before[3], before[6]], 3)
     np.testing.assert_allclose(found, expected, rtol=ROUNDING)
 

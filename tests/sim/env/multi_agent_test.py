@@ -269,6 +269,36 @@ def test_nobody_collides_with_the_removed(removes: bool) -> None:
     assert bool(collision.value[1, 1]) is not removes
 
 
+def test_rivals_are_removed_as_those_who_act_are() -> None:
+    bank, space = worlds.bank("generated"), dynamics.build("delta_global")
+    ego_acts = (Team(space, controlled.ego),)
+
+    def leap(scene, carry, motion, step):
+        return carry, motion.replace(xyz=motion.xyz.at[1:3, :2].set(900.0))
+
+    leaper = SimAgent("leaper", lambda scene: (), leap)
+
+    def first(scene):
+        return jnp.arange(len(scene.object_mask)) == 1
+
+    env = multi_agent(
+        ego_acts,
+        leaper,
+        vector(SMALL),
+        rewards.weighted(rewards.SPARSE),
+        CHEAP,
+        MultiAgentConfig(remove_at=("offroad",)),
+        rivals=first,
+    )
+    out = played(env, bank, BUSY, (jnp.zeros((2, NUM_OBJECTS, 3)),))
+    valid = out.state.motion.valid
+    # Two are moved off the road: the rival alone is gone, the ego alone is told of.
+    np.testing.assert_array_equal(valid[:, 1:3], [[False, True], [False, True]])
+    assert not out.timestep.acted[:, 1:].any()
+    assert not any(m.valid[:, 1:].any() for m in out.timestep.measures.values())
+    assert out.timestep.measures["offroad"].valid[:, 0].all()
+
+
 def test_an_episode_without_anybody_left_has_ended() -> None:
     bank = worlds.bank("generated")
     team = Team(dynamics.build("delta_global"), controlled.ego)
