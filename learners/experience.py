@@ -5,13 +5,14 @@ import functools
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Int, Key, PyTree
+from jaxtyping import Array, Int, Key
 
 from ..agents.base import Params
 from ..sim import pytrees, ranges
+from ..sim.observations.base import Observation
 from ..sim.records import Record
 from . import stage as stages, strata
-from .acting import Cast
+from .acting import Cast, Step
 from .base import Bank, Metrics
 from .replay import prioritized
 from .replay.prioritized import Replay, ReplayConfig
@@ -27,7 +28,7 @@ class ExperienceConfig:
     strata: int = 8  # equal parts of all; the number of devices must divide it
     num_worlds: int = 64  # played side by side
     steps_per_update: int = 8  # of each world
-    n_step: int = 1  # of a transition; fewer where an episode or an update ends
+    n_step: int = 1  # of a transition; fewer where an episode ends
     discount: float = 0.99  # gamma, of a step
     min_replay: int = 10_000  # items, before which nothing is learned
     replay: ReplayConfig = dataclasses.field(
@@ -43,12 +44,7 @@ class ExperienceConfig:
         capacity = self.replay.capacity
         strata.check(self.strata, num_worlds=self.num_worlds)
         strata.check(self.strata, **{"replay.capacity": capacity})
-        if not 1 <= self.n_step <= self.steps_per_update:
-            raise ValueError(
-                f"n_step must be from 1 to steps_per_update, since no transition "
-                f"reaches beyond an update, got {self.n_step} and "
-                f"{self.steps_per_update}."
-            )
+        ranges.require_at_least(self, steps_per_update=1, n_step=1)
         ranges.require_share(self, "discount")
         if self.num_worlds * self.steps_per_update > capacity:
             raise ValueError(
@@ -67,6 +63,9 @@ class Experience(Record):
     """Worlds and what is kept of them, all with a leading axis of strata."""
 
     stage: Stage  # of a stratum several worlds
+    recent: (
+        Step  # the last n_step - 1, [strata, steps, worlds, ...]: no transitions yet
+    )
     replay: Replay  # of a stratum one
 
 
@@ -99,7 +98,16 @@ def begin(
         observation_tpn=like.observation,
     )
     replay = prioritized.make(item, config.replay.capacity // config.strata)
-    return Experience(stage=stage, replay=pytrees.spread(replay, len(share.number)))
+    num_strata, num_recent = len(share.number), config.n_step - 1
+    nothing = jax.tree.map(
+        lambda leaf: jnp.zeros((num_recent, per_stratum, *leaf.shape), leaf.dtype),
+        _lean(like),
+    )
+    return Experience(
+        stage=stage,
+        recent=pytrees.spread(nothing, num_strata),
+        replay=pytrees.spread(replay, num_strata),
+    )
 
 
 def act(
@@ -111,7 +119,7 @@ def act(
     experience: Experience,
     key: Key[Array, ""],
 ) -> tuple[Experience, Int[Array, ""], Metrics]:
-    """Plays the worlds of a device on and adds their transitions.
+    """Plays the worlds of a device on, and adds the transitions that are whole by then.
 
     Observations are kept as they were seen, in their own precision. Steps that are no
     transitions, such as the one that shows how an episode ended, are not kept.
@@ -120,22 +128,39 @@ def act(
         What there is now, how many transitions were added, and the metrics of the
         episodes that ended (`episodes.track`), both of this device.
     """
+    num_steps = config.steps_per_update
     stage, played, metrics = stages.play(
-        cast, params, bank, share, key, experience.stage, config.steps_per_update
+        cast, params, bank, share, key, experience.stage, num_steps
     )
     cut = functools.partial(
         transitions, num_steps=config.n_step, discount=config.discount
     )
-    last = jax.vmap(cast.env.observe, in_axes=(None, 0))(bank, played.after.state)
-    # Of the same step, those of all worlds are of the same age.
-    found = jax.vmap(cut, in_axes=(1, 0), out_axes=1)(played.steps, last)
-    by_stratum = functools.partial(strata.part, num_strata=len(share.number))
 
-    def add(replay: Replay, found: PyTree) -> tuple[Replay, Int[Array, ""]]:
+    def add(
+        replay: Replay, recent: Step, steps: Step, last: Observation
+    ) -> tuple[Replay, Step, Int[Array, ""]]:
+        """Adds what is found in the worlds of a stratum."""
+        known = jax.tree.map(
+            lambda old, new: jnp.concatenate([old, new]), recent, steps
+        )
+        # Of the same step, those of all worlds are of the same age.
+        found = jax.vmap(cut, in_axes=(1, 0), out_axes=1)(known, last)
         items, valid = strata.merge(found)
-        return prioritized.add(replay, items, valid), jnp.sum(valid)
+        recent = jax.tree.map(lambda leaf: leaf[num_steps:], known)
+        return prioritized.add(replay, items, valid), recent, jnp.sum(valid)
 
-    replay, added = jax.vmap(add, (0, 1))(
-        experience.replay, jax.vmap(by_stratum)(found)
+    by_stratum = functools.partial(strata.part, num_strata=len(share.number))
+    last = jax.vmap(cast.env.observe, in_axes=(None, 0))(bank, played.after.state)
+    replay, recent, added = jax.vmap(add, in_axes=(0, 0, 1, 0))(
+        experience.replay,
+        experience.recent,
+        jax.vmap(by_stratum)(_lean(played.steps)),
+        by_stratum(last),
     )
-    return Experience(stage=stage, replay=replay), jnp.sum(added), metrics
+    experience = Experience(stage=stage, recent=recent, replay=replay)
+    return experience, jnp.sum(added), metrics
+
+
+def _lean(steps: Step) -> Step:
+    """Returns steps without what no transition is made of."""
+    return steps.replace(note=(), measures={})

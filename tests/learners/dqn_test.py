@@ -101,7 +101,7 @@ def test_it_learns_a_value() -> None:
     np.testing.assert_allclose(values(probes.VALUE, state, 0, 1), 1.0, atol=LEARNED)
 
 
-@pytest.mark.parametrize("n_step", [1, 3])
+@pytest.mark.parametrize("n_step", [1, 6])
 def test_it_discounts_a_late_reward(n_step: int) -> None:
     state, _ = train(learner(probes.DISCOUNTING, config(n_step=n_step)), 100)
     found = [values(probes.DISCOUNTING, state, step, 1) for step in (0, 1)]
@@ -182,23 +182,34 @@ def test_samples_to_insertions_are_as_asked(ratio: float) -> None:
     assert (int(state.step), int(state.kept.num_env_steps)) == (50, total[-1])
 
 
-def test_what_shows_the_end_of_an_episode_is_never_drawn() -> None:
-    settings = config(min_replay=512)  # nothing is learned: all is as likely
-    state, _ = train(learner(probes.DISCOUNTING, settings), 8)
+@pytest.mark.parametrize(("n_step", "steps_per_update"), [(1, 4), (2, 1), (6, 4)])
+def test_transitions_are_whole_wherever_updates_end(
+    n_step: int, steps_per_update: int
+) -> None:
+    # Nothing is learned: all are as likely to be drawn.
+    settings = config(n_step=n_step, steps_per_update=steps_per_update, min_replay=512)
+    state, _ = train(learner(probes.DISCOUNTING, settings), 32 // steps_per_update)
     replay = state.worlds.replay
     drawn = jax.vmap(prioritized.sample, in_axes=(0, 0, None, None))(
         replay, jax.random.split(jax.random.key(3), settings.strata), 2000, 1.0
     )
-    step_t, step_tp1 = (
+    step_t, step_tpn = (
         np.asarray(seen["coin"].values).reshape(-1, probes.NUM_FEATURES).argmax(axis=1)
         for seen in (drawn.items.observation_t, drawn.items.observation_tpn)
     )
+    # The step that shows the end of an episode, the third, begins none.
     np.testing.assert_array_equal(np.unique(step_t), [0, 1])
-    np.testing.assert_array_equal(step_tp1, step_t + 1)
-    np.testing.assert_array_equal(
-        drawn.items.discount_tpn.ravel(), GAMMA * (step_t == 0)
-    )
-    assert replay.num_added.sum() == state.kept.num_env_steps
+    reaches_end = (step_t == 1) | (n_step > 1)
+    np.testing.assert_array_equal(step_tpn, np.where(reaches_end, 2, 1))
+    items = drawn.items
+    np.testing.assert_array_equal(items.discount_tpn.ravel(), GAMMA * ~reaches_end)
+    paid = np.where(reaches_end, GAMMA ** (1 - step_t), 0.0)
+    np.testing.assert_array_equal(items.return_t.ravel(), paid)
+    added = replay.num_added.sum()
+    assert added == state.kept.num_env_steps
+    # Of 32 steps in each of 16 worlds every third is none; the last n - 1 may wait.
+    started = 16 * (32 - np.arange(n_step).max()) * 2 / 3
+    assert abs(added - started) <= 16
 
 
 def test_random_actions_become_fewer_along_a_line() -> None:
@@ -280,7 +291,7 @@ def test_other_agents_and_tasks_are_refused() -> None:
         ({"replay": ReplayConfig(capacity=510)}, "replay.capacity must be a positive"),
         ({"replay": ReplayConfig(capacity=60)}, "must hold the num_worlds"),
         ({"min_replay": 513}, "min_replay must be from 1 to replay.capacity"),
-        ({"n_step": 5}, "no transition reaches beyond an update"),
+        ({"n_step": 0}, "n_step must be at least 1"),
         ({"discount": 1.5}, "discount must be from 0 to 1"),
         ({"samples_per_insertion": 0.3}, "make steps_per_update a multiple of 20"),
         ({"samples_per_insertion": 0.0}, "samples_per_insertion must be positive"),
