@@ -71,8 +71,8 @@ def after(build: Callable[[Mesh], tuple[Learner, Bank]], num_devices: int) -> di
 
 def main() -> None:
     """Prints what each learner has become on one device, and on several."""
-    found = {"bc": [after(cloning, count) for count in (1, 2)]}
-    for name in ("wayformer", "dqn", "ppo", "apg"):
+    found = {"bc of logs": [after(cloning, count) for count in (1, 2)]}
+    for name in LEARNERS:
         found[name] = [after(small(name), count) for count in (1, 8)]
     print(json.dumps(found))
 
