@@ -1,16 +1,22 @@
 """Turns features into a distribution over the actions that an action spec allows."""
 
+import math
+
 import jax
+import jax.numpy as jnp
 from flax import nnx
 from jaxtyping import Array, Float
 
 from ...sim.dynamics.base import ActionSpec, Continuous, Discrete
-from ..distributions import Categorical, TanhMixture
+from ..distributions import SQUASHED_LIMIT, Categorical, TanhMixture
 from .initial import LAST_KERNEL
 
 # Before squashing, where the range is about 2: without a floor the density of an action
 # repeated exactly (a parked car) grows without end.
 MIN_SCALE = 0.01
+# Nor may a mean be farther out than the actions whose density is told: those that it
+# draws would count as far from it, and a small step as a change beyond all bounds.
+MAX_MEAN = math.atanh(SQUASHED_LIMIT)
 
 
 class CategoricalHead(nnx.Module):
@@ -63,9 +69,10 @@ class TanhMixtureHead(nnx.Module):
     def __call__(self, features: Float[Array, " features"]) -> TanhMixture:
         """Returns the distribution given the features of one observation."""
         shape = (self.num_components, len(self.bounds.low))
+        mean = self.mean(features).reshape(shape)
         return TanhMixture(
             logits=self.logits(features),
-            mean=self.mean(features).reshape(shape),
+            mean=MAX_MEAN * jnp.tanh(mean / MAX_MEAN),
             scale=MIN_SCALE + jax.nn.softplus(self.raw_scale(features).reshape(shape)),
             bounds=self.bounds,
         )
