@@ -24,9 +24,11 @@ SMALL = agents.AgentConfig(
 
 
 def bank(num_devices: int, num_scenarios: int = 512) -> dict[str, jax.Array]:
-    """Draws tokens, a different share for each device."""
-    shape = (num_devices, num_scenarios, NUM_TOKENS, NUM_STEPS, NUM_FEATURES)
-    return {"tokens": jax.random.normal(jax.random.key(7), shape)}
+    """Draws tokens, and deals them out to the devices, its leading axis."""
+    per_device = num_scenarios // num_devices
+    shape = (per_device, num_devices, NUM_TOKENS, NUM_STEPS, NUM_FEATURES)
+    tokens = jax.random.normal(jax.random.key(7), shape)
+    return {"tokens": jnp.swapaxes(tokens, 0, 1)}
 
 
 def first_token(values: jax.Array) -> Observation:
@@ -43,8 +45,9 @@ def sampler(
     def sample(
         bank: dict[str, jax.Array], stratum: Stratum, key: jax.Array
     ) -> Demonstration:
-        del stratum
-        values = bank["tokens"][jax.random.randint(key, (), 0, len(bank["tokens"]))]
+        count = len(bank["tokens"]) // stratum.stride
+        turn = jax.random.randint(key, (), 0, count)
+        values = bank["tokens"][stratum.first + stratum.stride * turn]
         return Demonstration(
             observation=see(values), action=act(values), weight=jnp.ones(())
         )
