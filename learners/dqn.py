@@ -45,6 +45,7 @@ class DQNConfig(optim.OptimizerConfig, ExperienceConfig, ExplorationConfig):
     learning_rate: float = 5e-5
     batch_size: int = 64  # transitions of a gradient step, over all devices
     samples_per_insertion: float = 8.0  # transitions learned from for each one added
+    huber: float | None = 1.0  # error beyond which the loss is linear; None: squared
     target_period: int = 100  # gradient steps after which the target follows
     total_steps: int = 30_000_000  # of the environment, in which beta reaches its end
     imitation_weight: float = 0.0  # of the margin of the expert's actions; 0: none
@@ -63,6 +64,8 @@ class DQNConfig(optim.OptimizerConfig, ExperienceConfig, ExplorationConfig):
         strata.check(self.strata, batch_size=self.batch_size)
         ranges.require_at_least(self, target_period=1, total_steps=1)
         ranges.require_finite(self, "imitation_weight", "margin")
+        if self.huber is not None and not self.huber > 0:
+            raise ValueError(f"huber must be positive or null, got {self.huber}.")
         if not 0 < self.samples_per_insertion < math.inf:
             raise ValueError(
                 f"samples_per_insertion must be positive, got "
@@ -332,7 +335,7 @@ def _loss(agent: Agent, config: DQNConfig, axis_name: str) -> optim.Loss:
     ) -> tuple[Metrics, Float[Array, "strata batch"]]:
         error = functools.partial(q_learning.td_error, agent, params, target)
         errors, values = jax.vmap(jax.vmap(error))(batch.items)
-        metrics = q_learning.means(batch.weights, errors, values)
+        metrics = q_learning.means(batch.weights, errors, values, config.huber)
         if shown is not None:
             margin = q_learning.imitation(agent, params, shown, config.margin)
             parts = [(1.0, metrics["loss"]), (config.imitation_weight, margin)]

@@ -59,6 +59,7 @@ def means(
     weights: Float[Array, "*batch"],
     errors: Float[Array, "*batch"],
     values: Float[Array, "*batch"],
+    huber: float | None = None,
 ) -> Metrics:
     """Returns the loss of a batch, and what tells of it.
 
@@ -67,14 +68,19 @@ def means(
 
         loss = mean of w d^2 / 2
 
+    or, where |d| exceeds a limit h, w h (|d| - h / 2) in place of w d^2 / 2, by which
+    the steps grow no more (Huber 1964; as Mnih et al. 2015 clip errors).
+
     Args:
         weights: zero for what does not count.
         errors: of each transition.
         values: likewise, of its action.
+        huber: h; None for squares of all errors.
     """
     is_drawn = weights > 0
+    loss = rlax.l2_loss(errors) if huber is None else rlax.huber_loss(errors, huber)
     terms = {
-        "loss": weights * rlax.l2_loss(errors),
+        "loss": weights * loss,
         "td_error": jnp.abs(errors),
         "value": values,
     }

@@ -295,6 +295,7 @@ def test_other_agents_and_tasks_are_refused() -> None:
         ({"discount": 1.5}, "discount must be from 0 to 1"),
         ({"samples_per_insertion": 0.3}, "make steps_per_update a multiple of 20"),
         ({"samples_per_insertion": 0.0}, "samples_per_insertion must be positive"),
+        ({"huber": 0.0}, "huber must be positive or null"),
         ({"target_period": 0}, "target_period must be at least 1"),
         ({"final_epsilon": 1.1}, "from 0 to 1 in this order"),
         ({"imitation_weight": -1.0}, "at least 0 and finite"),

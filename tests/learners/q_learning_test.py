@@ -73,6 +73,19 @@ def test_the_loss_is_the_mean_over_what_was_drawn() -> None:
     np.testing.assert_allclose(found["loss"], squares.mean(), rtol=ROUNDING)
 
 
+def test_the_loss_of_large_errors_is_linear() -> None:
+    # 1.5^2 / 2 within the limit of 2; beyond it 2 (5 - 1); both by their weights.
+    weights, errors = jnp.array([2.0, 0.5, 0.0]), jnp.array([1.5, -5.0, jnp.nan])
+
+    def loss(errors):
+        mean = q_learning.means(weights, errors, jnp.zeros(3), huber=2.0)["loss"]
+        return mean.total / mean.weight
+
+    np.testing.assert_allclose(loss(errors), (2.25 + 4) / 2, rtol=ROUNDING)
+    slope = np.asarray(jax.grad(loss)(errors))[:2]
+    np.testing.assert_allclose(slope, [2 * 1.5 / 2, -0.5 * 2 / 2], rtol=ROUNDING)
+
+
 @pytest.mark.parametrize(
     ("values", "expected"),
     [
