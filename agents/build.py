@@ -44,7 +44,7 @@ class AgentConfig:
     num_hidden_layers: int = 4  # of it; 0 leaves it out
     memory_width: int = 0  # of a gated recurrent unit behind them; 0 leaves it out
     num_components: int = 10  # of the mixture over continuous actions
-    factored: bool = False  # numbered actions have a softmax for each of their numbers
+    factored: bool = False  # of numbered actions, each number has outputs of its own
     dueling: bool = False  # action values are those of a state and of advantages
     trajectory: TrajectoryConfig = field(default_factory=TrajectoryConfig)
     planner: PlannerConfig = field(default_factory=PlannerConfig)
@@ -126,10 +126,6 @@ def _head(
     config: AgentConfig, width: int, spec: ActionSpec, kind: Kind, rngs: nnx.Rngs
 ) -> nnx.Module:
     has_values = kind == "action_values"
-    if has_values and config.factored:
-        raise ValueError(
-            "who values actions values each as a whole; set agent.factored=false."
-        )
     if config.dueling and not has_values:
         raise ValueError(
             "only values of actions, as dqn learns them, are told in two parts; set "
@@ -145,7 +141,8 @@ def _head(
     if not has_values:
         return FactoredCategoricalHead(width, spec.bins, rngs=rngs)
     head = DuelingHead if config.dueling else ActionValueHead
-    return _ActionValues(head(width, spec.num_actions, rngs=rngs))
+    bins = spec.bins if config.factored else (spec.num_actions,)
+    return _ActionValues(head(width, bins, rngs=rngs))
 
 
 def _planner(

@@ -77,12 +77,17 @@ def test_impossible_sizes_are_refused(fields: dict, message: str) -> None:
 
 
 @pytest.mark.parametrize("dueling", [False, True])
-def test_action_values_are_greedy_policies(dueling: bool) -> None:
-    config = dataclasses.replace(SMALL, dueling=dueling)
-    agent = build.build(config, OBSERVATION, Discrete(5), "action_values")
+@pytest.mark.parametrize(("factored", "num_outputs"), [(False, 15), (True, 8)])
+def test_action_values_are_greedy_policies(
+    dueling: bool, factored: bool, num_outputs: int
+) -> None:
+    config = dataclasses.replace(SMALL, dueling=dueling, factored=factored)
+    agent = build.build(config, OBSERVATION, Discrete(15, (3, 5)), "action_values")
     params = agent.init(jax.random.key(0))
+    last = params["head"]["values"]["advantages" if dueling else "values"]
+    assert last["bias"].shape == (num_outputs,)
     _, output = agent.step(params, agent.memory(), OBSERVATION)
-    assert output.policy.values.shape == (5,)
+    assert output.policy.values.shape == (15,)
     assert output.policy.mode() == jnp.argmax(output.policy.values)
 
 
@@ -126,9 +131,6 @@ def test_heads_for_numbered_actions_refuse_others(
 
 
 def test_what_a_head_would_ignore_is_refused() -> None:
-    factored = dataclasses.replace(SMALL, factored=True)
-    with pytest.raises(ValueError, match="factored=false"):
-        build.build(factored, OBSERVATION, Discrete(15, (3, 5)), "action_values")
     dueling = dataclasses.replace(SMALL, dueling=True)
     with pytest.raises(ValueError, match="dueling=false"):
         build.build(dueling, OBSERVATION, Discrete(5))
