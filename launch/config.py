@@ -43,13 +43,15 @@ def load(
         ConfigError: if the file or an override does not fit the dataclass.
     """
     path = pathlib.Path(path)
+    if path.is_dir():
+        raise ConfigError(f"{path} is a folder; name a config file in it")
     if not path.is_file():
         names = sorted(str(found) for found in path.parent.glob("*.y*ml"))
         raise FileNotFoundError(f"no config file {path}{suggestion(str(path), names)}")
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{path} is no UTF-8 text: {error}") from error
+        raise ConfigError(f"{path} is no text in UTF-8, as a config must be") from error
     return from_yaml(text, root_type, overrides, source=str(path))
 
 
@@ -223,7 +225,15 @@ def _section(entry: Entry, kind: Any, name: str) -> Any:
     try:
         return kind(**values)
     except ValueError as error:
-        raise ConfigError(f"{entry.where}: {name or kind.__name__}: {error}") from error
+        where = _where(entry, str(error))
+        raise ConfigError(f"{where}: {name and f'{name}: '}{error}") from error
+
+
+def _where(section: Entry, message: str) -> str:
+    """Returns where the first field stands of which a message about a section tells."""
+    words = re.findall(r"\w+", message)
+    named = [section.value[word].where for word in words if word in section.value]
+    return named[0] if named else section.where
 
 
 def _union(entry: Entry, kind: Any, name: str) -> Any:

@@ -4,10 +4,14 @@ import itertools
 from collections.abc import Sequence
 
 BOOLEANS = ("true", "false")
+WITH_VALUE = ("--out",)  # options of `train` that the next word belongs to
 
 
 def spelt(words: Sequence[str]) -> list[str]:
-    """Spells the booleans of queries, which are as in YAML, as tyro has them."""
+    """Spells words as the parser has them.
+
+    Booleans of queries are as in YAML. Fields of a config may stand after options.
+    """
     found: list[str] = []
     for before, word in itertools.pairwise(["", *words]):
         name, sign, value = word.partition("=")
@@ -16,4 +20,13 @@ def spelt(words: Sequence[str]) -> list[str]:
         elif name.startswith("--query.") and value in BOOLEANS:
             word = name + sign + value.capitalize()
         found.append(word)
-    return found
+    return _options_first(found) if found[:1] == ["train"] else found
+
+
+def _options_first(words: list[str]) -> list[str]:
+    """Moves the options of `train` before its config and fields."""
+    options, others = [], []
+    for before, word in itertools.pairwise(words):
+        is_option = word.startswith("-") or before in WITH_VALUE
+        (options if is_option else others).append(word)
+    return [words[0], *options, *others]

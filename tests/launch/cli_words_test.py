@@ -45,6 +45,21 @@ def test_booleans_of_queries_are_spelt_as_in_configs() -> None:
     assert spelling.spelt(typed.split()) == meant.split()
 
 
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("train c.yaml seed=1", "train c.yaml seed=1"),
+        ("train c.yaml --out r a.b=1 seed=2", "train --out r c.yaml a.b=1 seed=2"),
+        ("train c.yaml --out seed=1", "train --out seed=1 c.yaml"),
+        ("train --debug-nans c.yaml a=1", "train --debug-nans c.yaml a=1"),
+        ("train c.yaml --out=r a=1", "train --out=r c.yaml a=1"),
+        ("prepare --out r a=1", "prepare --out r a=1"),
+    ],
+)
+def test_fields_may_stand_after_options(typed: str, meant: str) -> None:
+    assert spelling.spelt(typed.split()) == meant.split()
+
+
 @pytest.mark.parametrize(("per_page", "is_told"), [(4, False), (6, True)])
 def test_pages_that_are_never_exchanged_are_told(
     per_page: int, is_told: bool, capsys: pytest.CaptureFixture

@@ -234,10 +234,26 @@ def test_a_missing_file_offers_its_neighbour(tmp_path: pathlib.Path) -> None:
         config.load(tmp_path / "dqn", Root)
 
 
+def test_a_folder_is_told_from_a_missing_file(tmp_path: pathlib.Path) -> None:
+    with pytest.raises(ConfigError, match="is a folder; name a config file in it"):
+        config.load(tmp_path, Root)
+
+
+@pytest.mark.parametrize(
+    ("words", "where"), [((), "run.yaml:3"), (("env.num_objects=0",), "the command")]
+)
+def test_a_value_out_of_range_is_told_by_where_it_stands(
+    words: tuple[str, ...], where: str
+) -> None:
+    text = f"data: x\nenv:\n  num_objects: {4 if words else 0}\n"
+    with pytest.raises(ConfigError, match=f"^{where}.*: env: num_objects must be"):
+        config.from_yaml(text, Root, words, source="run.yaml")
+
+
 def test_text_in_another_encoding_is_refused(tmp_path: pathlib.Path) -> None:
     path = tmp_path / "latin.yaml"
     path.write_bytes("data: é".encode("latin-1"))
-    with pytest.raises(ConfigError, match="no UTF-8 text"):
+    with pytest.raises(ConfigError, match="no text in UTF-8"):
         config.load(path, Root)
 
 
