@@ -49,14 +49,13 @@ def train(
         config_file: a YAML file; see configs/.
         fields: any of its fields, as field=value.
         out: the folder of the run; by default runs/ and the name of the config.
-        debug_nans: stop at the first operation whose result is no number, and show it;
-            slow.
+        debug_nans: where a loss becomes no number, go through that update operation by
+            operation, and name the first whose result is none.
     """
-    jax.config.update("jax_debug_nans", debug_nans)
     experiment = config.load(config_file, Experiment, fields)
     folder = out or pathlib.Path("runs") / config_file.stem
     _warn_of_pages(experiment)
-    run_training(experiment, folder)
+    run_training(experiment, folder, debug_nans)
     print(f"trained: {folder}; evaluate it with: {_evaluation(experiment, folder)}")
 
 

@@ -29,13 +29,9 @@ def require_finite(
         DivergedError: if a loss or a gradient is not finite; says at which update, the
             gradients of the parts there, and where the run can go on.
     """
-    finite = np.ones(1, bool)
-    for name in ("loss", "gradient_norm"):
-        totals = metrics[name].total
-        finite = finite & np.isfinite(totals).reshape(len(totals), -1).all(axis=1)
-    if finite.all():
+    bad = first_wrong(metrics)
+    if bad is None:
         return
-    bad = int(np.argmin(finite))
     norms = ", ".join(
         f"{name.removeprefix(PARTS)} {_texts(mean, bad)}"
         for name, mean in sorted(metrics.items())
@@ -51,6 +47,15 @@ def require_finite(
         "lower learner.learning_rate or learner.max_gradient_norm in another run, or "
         "find the operation with --debug-nans"
     )
+
+
+def first_wrong(metrics: Metrics) -> int | None:
+    """Returns the first update of which a loss or a gradient is not finite, if any."""
+    finite = np.ones(1, bool)
+    for name in ("loss", "gradient_norm"):
+        totals = metrics[name].total
+        finite = finite & np.isfinite(totals).reshape(len(totals), -1).all(axis=1)
+    return None if finite.all() else int(np.argmin(finite))
 
 
 def _texts(mean: Mean, update: int) -> str:

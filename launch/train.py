@@ -18,7 +18,7 @@ from ..learners.base import Metrics, Program, TrainState
 from ..learners.program import compile_program, initial_state
 from ..learners.seeds import one_of
 from ..sim import files, names, pytrees
-from . import banks, config, divergence, feeds, logbook
+from . import banks, config, divergence, feeds, logbook, nans
 from .experiment import Experiment, agent, environment, keys, learner, over_seeds
 from .feeds import Feed
 from .monitor import Monitor
@@ -29,12 +29,19 @@ CHECKPOINTS = "checkpoints"
 PARAMS = ".params"  # of the train state in a checkpoint
 
 
-def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
+def train(
+    experiment: Experiment, folder: pathlib.Path, debug_nans: bool = False
+) -> TrainState:
     """Runs an experiment, or the rest of one that was cut.
 
     Writes to the folder: `config.yaml` (as resolved), `metrics.jsonl` and TensorBoard's
     files, and `checkpoints/`. A run that was cut and continued gives the same
     parameters, bit for bit, as one that was not.
+
+    Args:
+        experiment: what to run.
+        folder: of the run.
+        debug_nans: look for the operation where a loss becomes no number.
 
     Returns:
         The train state after the last update.
@@ -43,6 +50,7 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
         FileExistsError: if the folder holds another experiment.
         FileNotFoundError: if there are no such data, or no run to begin with.
         DivergedError: if the loss is no number any more.
+        NoNumberError: likewise, if the operation was found.
         ValueError: if the experiment does not fit together.
     """
     _check_folder(folder, experiment)
@@ -61,9 +69,11 @@ def train(experiment: Experiment, folder: pathlib.Path) -> TrainState:
     _say(feed.describe())
     driver = agent(experiment, env, banks.one_shard(feed.bank))
     learns = learner(experiment, env, driver)
-    program = compile_program(
-        learns, mesh, experiment.updates_per_call, over_seeds(experiment)
-    )
+    spread = over_seeds(experiment)
+    program = compile_program(learns, mesh, experiment.updates_per_call, spread)
+    if debug_nans:
+        single = compile_program(learns, mesh, 1, spread)
+        program = nans.searched(program, single, _say)
     state = initial_state(learns, mesh, keys(experiment), feed.bank)
     watch = _watch(experiment, driver, mesh)
     files.write_whole(folder / CONFIG, config.to_yaml(experiment))
