@@ -21,6 +21,7 @@ from .train import load_run
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 AXIS_COLOR = "#555555"
 COLUMNS = 3
+LABELS = 2  # names of runs that fit above a panel
 SEED = re.compile(r"^seed\d+/")  # before what one of several seeds has logged
 
 
@@ -54,8 +55,13 @@ def curves(
     """
     outputs.require({"out": out})
     wanted = [metric.strip() for metric in metrics.split(",")]
-    files.write_whole(out, draw(read_all(runs, wanted)))
+    panels = read_all(runs, wanted)
+    files.write_whole(out, draw(panels))
     print(f"drawn: {out}")
+    for metric, found in panels.items():
+        labels = [_label(run, runs) for run in runs]
+        if missing := [label for label in labels if label not in found]:
+            print(f"left out of {metric}, not logged there: {', '.join(missing)}")
 
 
 def read_all(
@@ -133,7 +139,12 @@ def draw(panels: Mapping[str, Mapping[str, Curve]]) -> bytes:
     fig.supxlabel("steps played, or demonstrations seen", fontsize=9)
     handles = [lines.Line2D([], [], color=color) for color in colors.values()]
     fig.legend(
-        handles, every, loc="outside upper center", ncols=len(every), frameon=False
+        handles,
+        every,
+        loc="outside upper center",
+        ncols=min(len(every), LABELS * columns),
+        frameon=False,
+        fontsize=9,
     )
     buffer = io.BytesIO()
     fig.savefig(buffer, format="png", metadata={"Software": None})

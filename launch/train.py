@@ -55,6 +55,8 @@ def train(
     """
     _check_folder(folder, experiment)
     files.require_writable(folder)
+    if experiment.pretrained is not None:
+        load_run(pathlib.Path(experiment.pretrained))
     env = environment(experiment)  # before data are loaded: it knows wrong names
     mesh = meshes.data_mesh()
     checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
@@ -76,8 +78,6 @@ def train(
         program = nans.searched(program, single, _say)
     state = initial_state(learns, mesh, keys(experiment), feed.bank)
     watch = _watch(experiment, driver, mesh)
-    files.write_whole(folder / CONFIG, config.to_yaml(experiment))
-
     if checkpoints.steps():
         restored = checkpoints.restore(state)
         _check_same(restored.metadata, feed.identity, folder)
@@ -88,6 +88,9 @@ def train(
         adopt = learns.adopt if experiment.seeds == 1 else jax.vmap(learns.adopt)
         state = adopt(state, _pretrained(experiment, state.params, mesh))
 
+    if _updates(state) >= experiment.updates:
+        _say(f"{folder} has been trained to its end")
+    files.write_whole(folder / CONFIG, config.to_yaml(experiment))
     run = Run(experiment, folder, program, feed, watch, checkpoints)
     with contextlib.closing(feed):
         with logbook.Logbook(folder, resume_step=_updates(state)) as log:
@@ -192,7 +195,10 @@ def _pretrained(experiment: Experiment, params: Params, mesh: Mesh) -> Params:
         like = params[part]
         one = like if here == 1 else one_of(like, 0)
         like = one if there == 1 else pytrees.spread(one, there)
-        restored = checkpoints.restore_part(like, f"{PARAMS}['{part}']")
+        try:
+            restored = checkpoints.restore_part(like, f"{PARAMS}['{part}']")
+        except ValueError as error:
+            raise ValueError(f"pretrained {part} of '{folder}': {error}") from error
         of_each = restored.tree if there > 1 else pytrees.spread(restored.tree, 1)
         found = jax.tree.map(operator.itemgetter(numbers), of_each)
         found = found if here > 1 else one_of(found, 0)

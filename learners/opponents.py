@@ -45,7 +45,8 @@ class OpponentsConfig:
             )
         if sum(parts) > 1 + controlled.ROUNDING:
             raise ValueError(
-                f"myself, past and idm must add up to 1 at most, got {parts}."
+                f"myself, past and idm must add up to 1 at most, the rest being the "
+                f"log's, got {self.myself} + {self.past} + {self.idm}; set all three."
             )
 
 

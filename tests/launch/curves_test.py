@@ -79,3 +79,11 @@ def test_runs_of_one_name_are_told_apart(run_of, drivetrain) -> None:
         "x/a": 1.0,
         "y/a": 2.0,
     }
+
+
+def test_runs_left_out_of_a_panel_are_told(run_of, drivetrain, capsys) -> None:
+    run_of("a", 1, [{"loss": 1.0, "kl": 1.0}])
+    run_of("b", 1, [{"loss": 2.0}])
+    assert drivetrain("curves", "a", "b", "--metrics", "loss,kl", "--out", "c.png") == 0
+    told = capsys.readouterr().out.splitlines()
+    assert told == ["drawn: c.png", "left out of kl, not logged there: b"]
