@@ -62,4 +62,4 @@ def _search(single: Program, train_state: TrainState, bank: Bank) -> None:
 
 def _is_ours(frame: traceback.FrameSummary) -> bool:
     path = pathlib.Path(frame.filename)
-    return path.is_relative_to(ROOT) and ".venv" not in path.parts
+    return path.is_relative_to(ROOT) and path.relative_to(ROOT).parts[0] != ".venv"
