@@ -58,8 +58,8 @@ def curves(
     panels = read_all(runs, wanted)
     files.write_whole(out, draw(panels))
     print(f"drawn: {out}")
+    labels = [_label(run, runs) for run in runs]
     for metric, found in panels.items():
-        labels = [_label(run, runs) for run in runs]
         if missing := [label for label in labels if label not in found]:
             print(f"left out of {metric}, not logged there: {', '.join(missing)}")
 

@@ -18,9 +18,9 @@ NUM_DRAWS = 1000
 FAR = 6.5
 
 
-def policy(size: float, num_components: int = 1) -> TanhMixture:
+def policy(size: float) -> TanhMixture:
     """Returns the distribution at features of some size."""
-    head = TanhMixtureHead(8, SPEC, num_components, rngs=nnx.Rngs(0))
+    head = TanhMixtureHead(8, SPEC, 1, rngs=nnx.Rngs(0))
     # As after training: kernels begin small.
     head.mean.kernel[...] = jax.random.normal(jax.random.key(1), (8, 2))
     head.raw_scale.kernel[...] = -jnp.ones((8, 2))
