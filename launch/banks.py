@@ -2,13 +2,13 @@
 
 import dataclasses
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import jax
 from jax.sharding import Mesh
 
 from ..learners import mesh as meshes
-from ..sim.data import bank as banks, loader
+from ..sim.data import bank as banks, dealing, loader
 from ..sim.data.bank import Bank
 from ..sim.data.packed import Packed
 from .progress import progress
@@ -19,7 +19,7 @@ class Loaded:
     """Scenarios on the devices, and what the host knows of them."""
 
     bank: Bank  # every leaf sharded along a leading axis of devices
-    scenarios: Sequence[Packed]  # in the order in which they were dealt out
+    scenarios: Sequence[Packed]  # each once, as they were loaded
 
     @property
     def num_devices(self) -> int:
@@ -39,19 +39,31 @@ def one_shard(bank: Bank) -> Bank:
     )
 
 
-def load(source: loader.Source, max_objects: int, mesh: Mesh) -> Loaded:
+def load(
+    source: loader.Source,
+    max_objects: int,
+    mesh: Mesh,
+    deal: Callable[[int, int], list[list[int]]] = dealing.once,
+) -> Loaded:
     """Loads scenarios into a bank over the devices of a mesh.
+
+    Args:
+        source: the scenarios.
+        max_objects: of a scenario, those that matter most to the ego.
+        mesh: the devices.
+        deal: of the numbers of scenarios and devices, which scenarios each device gets.
 
     Raises:
         FileNotFoundError: if there is no such store or file.
-        ValueError: if there is no usable scenario, or fewer than devices.
+        ValueError: if there is no usable scenario, or they cannot be so dealt.
     """
     if max_objects < 1:
         raise ValueError(f"max_objects must be at least 1, got {max_objects}.")
     with progress("loading", loader.count(source), unit="scenarios") as line:
         scenarios = loader.load(source, line.update, os.cpu_count() or 1)
     sizes = banks.Sizes.of(scenarios, max_objects)
-    bank = banks.build_shards(scenarios, sizes, mesh.size)
+    dealt = deal(len(scenarios), mesh.size)
+    bank = banks.build_shards(scenarios, sizes, dealt)
     return Loaded(bank=meshes.shard(mesh, bank), scenarios=scenarios)
 
 

@@ -2,6 +2,7 @@
 
 import abc
 import dataclasses
+import functools
 import hashlib
 import pathlib
 import time
@@ -14,7 +15,7 @@ from jax.sharding import Mesh
 
 from ..learners import mesh as meshes
 from ..learners.program import compile_replacement
-from ..sim.data import store
+from ..sim.data import dealing, store
 from ..sim.data.bank import Bank, total_bytes
 from ..sim.data.loader import Source
 from ..sim.data.stream import Part, Stream, StreamConfig
@@ -65,6 +66,7 @@ def open_feed(
     config: StreamConfig,
     max_objects: int,
     mesh: Mesh,
+    num_strata: int,
     seed: int,
     saved: Mapping[str, Any] | None = None,
 ) -> Feed:
@@ -75,6 +77,7 @@ def open_feed(
         config: whether and how they stream. Each process draws from a share of its own.
         max_objects: of a scenario, those that matter most to the ego.
         mesh: of the devices.
+        num_strata: of the learner, into which what does not stream is divided.
         seed: of the order in which scenarios stream.
         saved: what a run that goes on kept: a feed's `identity` and, as `feed`, its
             `state`. If the feed is the same, it begins there; `restore` would fill the
@@ -85,7 +88,8 @@ def open_feed(
         ValueError: if there is no usable scenario, or they cannot be so divided.
     """
     if config.resident is None:
-        return Resident(banks.load(source, max_objects, mesh))
+        deal = functools.partial(dealing.by_stratum, num_strata=num_strata)
+        return Resident(banks.load(source, max_objects, mesh, deal))
     part = Part(process=jax.process_index(), num_processes=jax.process_count())
     num_devices = len(mesh.local_devices)
     stream = Stream(source, config, max_objects, num_devices, seed, part)

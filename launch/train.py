@@ -65,6 +65,7 @@ def train(
         experiment.stream,
         experiment.max_objects,
         mesh,
+        experiment.learner.strata,
         experiment.seed,
         checkpoints.metadata(),
     )

@@ -53,7 +53,7 @@ def compile_evaluator(
         A function of the parameters (a copy on each device), the bank (sharded along a
         leading axis of devices), a key, and a function that is told how many scenarios
         are done. It returns what is kept of all episodes, as NumPy arrays in the order
-        in which `bank.build_shards` got the scenarios.
+        in which `dealing.once` dealt the scenarios.
     """
 
     def run(params: PyTree, bank: Bank, key: PRNGKeyArray, first: Array) -> PyTree:
@@ -95,7 +95,7 @@ def compile_evaluator(
             calls.append(jax.device_get(program(params, bank, key, start)))
             tick(min((first + CALL) * mesh.size, total))
 
-        # Number j of shard d is scenario j * num_shards + d.
+        # Number j of shard d is scenario j D + d (`dealing.once`).
         def in_order(*leaves: np.ndarray) -> np.ndarray:
             whole = np.concatenate(leaves)
             return whole.reshape(-1, *whole.shape[2:])[:total]

@@ -25,7 +25,7 @@ class Share(Record):
 
 
 def share(num_strata: int, axis_name: str) -> Share:
-    """Returns the strata of this device, every so many-th of all.
+    """Returns the strata of this device, so many in a row.
 
     Raises:
         ValueError: while it is traced, if the devices do not divide the strata.
@@ -39,7 +39,7 @@ def share(num_strata: int, axis_name: str) -> Share:
     per_device = num_strata // num_devices
     first = jnp.arange(per_device)
     return Share(
-        number=first * num_devices + jax.lax.axis_index(axis_name),
+        number=jax.lax.axis_index(axis_name) * per_device + first,
         stratum=Stratum(first=first, stride=per_device),
     )
 

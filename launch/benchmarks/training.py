@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from ...learners import mesh as meshes
 from ...learners.program import compile_halves, compile_program, initial_state
-from ...sim.data import bank as banks
+from ...sim.data import bank as banks, dealing
 from .. import tables
 from ..banks import one_shard
 from ..experiment import Experiment, agent, environment, keys, learner
@@ -37,7 +37,9 @@ def measure_cell(
     """
     experiment, mesh = experiments[cell.env](cell.batch), meshes.data_mesh()
     sizes = banks.Sizes.of(scenes.scenarios, cell.objects)
-    bank = meshes.shard(mesh, banks.build_shards(scenes.scenarios, sizes, mesh.size))
+    count, num_strata = len(scenes.scenarios), experiment.learner.strata
+    dealt = dealing.by_stratum(count, mesh.size, num_strata)
+    bank = meshes.shard(mesh, banks.build_shards(scenes.scenarios, sizes, dealt))
     env = environment(experiment)
     learns = learner(experiment, env, agent(experiment, env, one_shard(bank)))
     state = initial_state(learns, mesh, keys(experiment), bank)
@@ -80,7 +82,7 @@ def measure_cell(
     row["steps_per_second"] = experiment.learner.num_steps / whole * 1e3
     reset = jax.vmap(env.reset, in_axes=(None, 0, None))
     local = jax.tree.map(lambda leaf: leaf[0], bank)
-    numbers = jnp.arange(len(scenes.scenarios) // mesh.size)
+    numbers = jnp.arange(len(dealt[0]))
     row["valid_objects"] = mean_valid([reset(local, numbers, jax.random.key(0))])
     return row
 

@@ -287,21 +287,20 @@ def total_bytes(bank: Bank) -> int:
     return sum(leaf.nbytes for leaf in jax.tree.leaves(bank))
 
 
-def build_shards(scenarios: Sequence[Packed], sizes: Sizes, num_shards: int) -> Bank:
-    """Deals scenarios out to equal shards: every array gets a leading axis of shards.
+def build_shards(
+    scenarios: Sequence[Packed], sizes: Sizes, dealt: Sequence[Sequence[int]]
+) -> Bank:
+    """Builds a bank of each shard: every array gets a leading axis of shards.
 
-    Shard i holds the scenarios i, i + num_shards, and so on.
+    Args:
+        scenarios: all of them.
+        sizes: into which they fit, but for capped objects.
+        dealt: the numbers of those of each shard, as `dealing` says.
 
     Raises:
-        ValueError: if there are fewer scenarios than shards, or `build` does not like
-            them.
+        ValueError: if `build` does not like the scenarios of a shard.
     """
-    if len(scenarios) < num_shards:
-        raise ValueError(
-            f"{len(scenarios)} scenarios cannot be shared by {num_shards} devices: "
-            "use at least as many scenarios as devices."
-        )
-    shards = [build(scenarios[i::num_shards], sizes) for i in range(num_shards)]
+    shards = [build([scenarios[i] for i in numbers], sizes) for numbers in dealt]
     return jax.tree.map(lambda *arrays: _stack(arrays), *shards)
 
 

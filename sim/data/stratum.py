@@ -12,9 +12,9 @@ from .bank import Bank
 class Stratum(Record):
     """Every so many-th scenario of the bank of one device.
 
-    Scenarios are dealt out in turn: of D devices, number d has those whose number is d
-    modulo D. If L is a multiple of D, those that are s modulo L lie on one device, and
-    who draws from them draws the same ones whatever D is.
+    Of L strata, number s has the scenarios whose number is s modulo L, and each of D
+    devices has L / D strata in a row, of each one scenario in turn
+    (`dealing.by_stratum`). Who draws from a stratum draws the same ones whatever D is.
     """
 
     first: Int[Array, ""]  # among the scenarios of the device
@@ -23,8 +23,8 @@ class Stratum(Record):
     def draw(self, bank: Bank, key: PRNGKeyArray) -> Int[Array, ""]:
         """Draws the number of a scenario, each of the stratum as likely as another.
 
-        Where the device has fewer scenarios than strata, and this one has none, all of
-        the device are as likely.
+        Where the device has fewer scenarios than strata, as a stream may, and this one
+        has none, all of the device are as likely.
         """
         total = bank.num_scenarios
         count = (total - self.first + self.stride - 1) // self.stride

@@ -27,7 +27,7 @@ def source(tmp_path_factory: pytest.TempPathFactory) -> Source:
 
 
 def opened(source: Source, saved: Mapping[str, Any] | None = None) -> feeds.Feed:
-    return feeds.open_feed(source, CONFIG, 64, meshes.data_mesh(), 0, saved)
+    return feeds.open_feed(source, CONFIG, 64, meshes.data_mesh(), 8, 0, saved)
 
 
 def kept(feed: feeds.Feed) -> Mapping[str, Any]:

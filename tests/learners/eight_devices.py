@@ -12,7 +12,7 @@ from drivetrain.agents.encoders.flat import FlatConfig
 from drivetrain.learners import mesh as meshes, optim, program
 from drivetrain.learners.base import Bank, Learner
 from drivetrain.learners.bc import CloningConfig, behavior_cloning
-from drivetrain.sim.data import bank as banks
+from drivetrain.sim.data import bank as banks, dealing
 from drivetrain.sim.dynamics import build as dynamics
 from drivetrain.sim.env.demonstrations import demonstrations
 from drivetrain.sim.observations.vector import vector
@@ -21,13 +21,15 @@ from tests.learners.every import LEARNERS
 from tests.sim.env.planning_test import SMALL, env_of
 
 UPDATES = 10
+STRATA = 8
 
 
 def cloning(mesh: Mesh) -> tuple[Learner, Bank]:
-    """Clones the experts of real banks; two strata, as scenarios are few."""
+    """Clones the experts of real banks."""
     packed = [worlds.exact(scenario) for scenario in worlds.scenarios("generated")]
     sizes = banks.Sizes.of(packed, worlds.MAX_OBJECTS)
-    bank = meshes.shard(mesh, banks.build_shards(packed, sizes, mesh.size))
+    dealt = dealing.by_stratum(len(packed), mesh.size, STRATA)
+    bank = meshes.shard(mesh, banks.build_shards(packed, sizes, dealt))
     env = env_of("bicycle_discrete")
     local = jax.tree.map(lambda leaf: leaf[0], bank)
     state = jax.eval_shape(env.reset, local, np.int32(0), jax.random.key(0))
@@ -37,7 +39,7 @@ def cloning(mesh: Mesh) -> tuple[Learner, Bank]:
     )
     agent = agents.build(network, seen, env.action_spec)
     sample = demonstrations(dynamics.build("bicycle_discrete"), vector(SMALL))
-    config = CloningConfig(batch_size=16, strata=2, learning_rate=1e-3)
+    config = CloningConfig(batch_size=16, strata=STRATA, learning_rate=1e-3)
     return behavior_cloning(agent, sample, optim.adam(config), config), bank
 
 
@@ -71,7 +73,7 @@ def after(build: Callable[[Mesh], tuple[Learner, Bank]], num_devices: int) -> di
 
 def main() -> None:
     """Prints what each learner has become on one device, and on several."""
-    found = {"bc of logs": [after(cloning, count) for count in (1, 2)]}
+    found = {"bc of logs": [after(cloning, count) for count in (1, 8)]}
     for name in LEARNERS:
         found[name] = [after(small(name), count) for count in (1, 8)]
     print(json.dumps(found))

@@ -32,7 +32,9 @@ def sharded():
     """Returns the generated bank with a leading axis of one device."""
     packed = [worlds.exact(scenario) for scenario in worlds.scenarios("generated")]
     sizes = Sizes.of(packed, worlds.MAX_OBJECTS)
-    return meshes.shard(meshes.data_mesh(), banks.build_shards(packed, sizes, 1))
+    return meshes.shard(
+        meshes.data_mesh(), banks.build_shards(packed, sizes, [range(len(packed))])
+    )
 
 
 def test_an_evaluation_plays_every_scenario_in_order() -> None:

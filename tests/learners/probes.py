@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from drivetrain.agents.base import Agent, Memory, Output
+from drivetrain.sim.data import dealing
 from drivetrain.sim.data.bank import Bank
 from drivetrain.sim.dynamics.base import Discrete
 from drivetrain.sim.env.base import Environment, State, Timestep
@@ -18,6 +19,7 @@ from drivetrain.sim.metrics.base import Measure
 from drivetrain.sim.observations.base import Observation, TokenGroup
 
 NUM_SCENARIOS = 32
+NUM_STRATA = 8  # as learners have if nobody says otherwise
 NUM_ACTIONS = 2
 MAX_STEPS = 3
 NUM_FEATURES = MAX_STEPS + 1
@@ -85,12 +87,11 @@ def bank(num_devices: int) -> Bank:
 
     Where the number of steps would be it has the number of a scenario among all.
     """
-    per_device = NUM_SCENARIOS // num_devices
+    dealt = dealing.by_stratum(NUM_SCENARIOS, num_devices, NUM_STRATA)
     empty = {field.name: () for field in dataclasses.fields(Bank)}
-    numbers = jnp.arange(NUM_SCENARIOS, dtype=jnp.int32)
     here = {
-        "num_scenarios": jnp.full(num_devices, per_device, jnp.int32),
-        "num_steps": numbers.reshape(per_device, num_devices).T,
+        "num_scenarios": jnp.full(num_devices, len(dealt[0]), jnp.int32),
+        "num_steps": jnp.array(dealt, jnp.int32),
     }
     return Bank(**empty | here)
 

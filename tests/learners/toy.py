@@ -9,12 +9,14 @@ from drivetrain.agents import build as agents
 from drivetrain.agents.base import Agent, Memory, Output
 from drivetrain.agents.distributions import Categorical
 from drivetrain.agents.encoders.wayformer import WayformerConfig
+from drivetrain.sim.data import dealing
 from drivetrain.sim.data.stratum import Stratum
 from drivetrain.sim.dynamics.base import ActionSpec, Discrete
 from drivetrain.sim.env.demonstrations import Demonstration, Sample
 from drivetrain.sim.observations.base import Observation, TokenGroup
 
 NUM_TOKENS, NUM_STEPS, NUM_FEATURES = 6, 4, 2
+NUM_STRATA = 8  # as learners have if nobody says otherwise
 SMALL = agents.AgentConfig(
     encoder=WayformerConfig(width=16, num_heads=2, num_layers=1, num_latents=2),
     hidden_width=16,
@@ -25,10 +27,10 @@ SMALL = agents.AgentConfig(
 
 def bank(num_devices: int, num_scenarios: int = 512) -> dict[str, jax.Array]:
     """Draws tokens, and deals them out to the devices, its leading axis."""
-    per_device = num_scenarios // num_devices
-    shape = (per_device, num_devices, NUM_TOKENS, NUM_STEPS, NUM_FEATURES)
+    shape = (num_scenarios, NUM_TOKENS, NUM_STEPS, NUM_FEATURES)
     tokens = jax.random.normal(jax.random.key(7), shape)
-    return {"tokens": jnp.swapaxes(tokens, 0, 1)}
+    dealt = dealing.by_stratum(num_scenarios, num_devices, NUM_STRATA)
+    return {"tokens": tokens[jnp.array(dealt)]}
 
 
 def first_token(values: jax.Array) -> Observation:
