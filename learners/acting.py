@@ -48,7 +48,7 @@ class Step(Record):
     action: Action
     note: PyTree  # what the learner remembers of the choice
     reward: Float[Array, "*actors"]
-    discount: Float[Array, "*actors"]  # 0 where the task itself ended
+    discount: Float[Array, "*actors"]  # 0 where nothing that follows counts
     mask: Bool[Array, "*actors"]
     ended: Bool[Array, ""]  # the episode ended with this step
     measures: dict[str, Measure]

@@ -84,15 +84,15 @@ def shaped(
 
         F = w (gamma Phi(s') - Phi(s))
 
-    Where the task itself ends Phi(s') counts as 0: then the discounted sum of F is
-    -w Phi(s_0) whatever was done, and the best policies stay the best.
+    Where the task ends or is settled Phi(s') counts as 0: then the discounted sum of F
+    is -w Phi(s_0) whatever was done, and the best policies stay the best.
 
     Args:
         reward: to which F is added.
         potential: Phi, in metres.
         weight: w, what a metre is worth.
         discount: gamma, the same as the learner's.
-        ends: metrics that end the task where they are positive; all are measured.
+        ends: metrics that end or settle it where they are positive; all are measured.
 
     Raises:
         ValueError: if the discount lies outside 0 to 1, or the weight is not positive.

@@ -62,7 +62,7 @@ class Timestep(Record):
 
     acted: Bool[Array, "*objects"]  # was there before the step, under control
     reward: Float[Array, "*objects"]  # of the state after the action
-    discount: Float[Array, "*objects"]  # of what follows; 0 where terminated
+    discount: Float[Array, "*objects"]  # of what follows; 0 where terminated or settled
     terminated: Bool[Array, "*objects"]  # the task itself has ended, or never was
     truncated: Bool[Array, ""]  # the log ends here
     measures: dict[str, Measure]  # after the action

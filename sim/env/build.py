@@ -44,6 +44,7 @@ class PlanningConfig:
     reward: RewardConfig = "sparse"
     shaping: ShapingConfig | None = None
     starts: StartConfig = field(default_factory=StartConfig)
+    settled_at: tuple[str, ...] = ()  # metrics after which nothing more counts
 
     def __post_init__(self) -> None:
         """Checks the names, and the ranges of shaping.
@@ -54,6 +55,8 @@ class PlanningConfig:
         """
         sim_agents.build(self.sim_agent)
         reward_of(self.reward, self.shaping)
+        for metric in self.settled_at:
+            _require_known(metric, METRICS)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -102,10 +105,13 @@ def build(
             others of them are removed all the same.
     """
     others = sim_agent or sim_agents.build(config.sim_agent)
-    ends = () if isinstance(config, PlanningConfig) else config.remove_at
+    is_planning = isinstance(config, PlanningConfig)
+    ends = config.settled_at if is_planning else config.remove_at
     reward, metrics = reward_of(config.reward, config.shaping, ends)
-    if isinstance(config, PlanningConfig):
-        return planning(dynamics, others, observer, reward, metrics, config.starts)
+    if is_planning:
+        return planning(
+            dynamics, others, observer, reward, metrics, config.starts, ends
+        )
     whole = moving_vehicles(config.controlled)
     return multi_agent(
         (Team(dynamics, controls or whole),),
@@ -133,7 +139,7 @@ def reward_of(
     Args:
         config: the reward without shaping.
         shaping: what is paid besides.
-        ends: metrics that end the task where they are positive.
+        ends: metrics that end or settle the task where they are positive.
 
     Raises:
         ValueError: if a preset or a metric is unknown, or a number of shaping is out of

@@ -1,6 +1,6 @@
 """Plays a scenario with the ego under control (W 4.3)."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -9,7 +9,7 @@ from jaxtyping import Array, Int, PRNGKeyArray
 from .. import motions
 from ..data.bank import Bank
 from ..dynamics.base import Action, Dynamics
-from ..metrics.base import Metric
+from ..metrics.base import Metric, is_any_positive
 from ..metrics.build import EGO, METRICS, measure_ego
 from ..observations.base import Observation, Observer
 from ..rewards import Reward
@@ -27,6 +27,7 @@ def planning(
     reward: Reward,
     metrics: Sequence[Metric] = METRICS,
     starts: StartConfig = AS_LOGGED,
+    settled_at: Collection[str] = (),
 ) -> Environment:
     """Builds the environment.
 
@@ -37,6 +38,8 @@ def planning(
         reward: of the state after the action.
         metrics: what is measured of the ego.
         starts: how episodes begin.
+        settled_at: metrics that settle what came before where they are positive: what
+            follows has a discount of 0, though the episode goes on.
     """
     teams = (Team(dynamics, controlled.ego),)
 
@@ -56,7 +59,7 @@ def planning(
         timestep = Timestep(
             acted=before.valid,
             reward=reward(moment, jnp.int32(EGO), measures),
-            discount=jnp.float32(1.0),
+            discount=1.0 - is_any_positive(measures, settled_at).astype(jnp.float32),
             terminated=jnp.bool_(False),
             truncated=following.step + 1 >= scene.num_steps,
             measures=measures,

@@ -36,6 +36,17 @@ def test_a_preset_and_its_weights_are_the_same_reward(reward) -> None:
     assert timestep.reward == -1 - timestep.measures["collision"].value
 
 
+@pytest.mark.parametrize("settled_at", [(), ("collision",), ("collision", "offroad")])
+def test_what_settles_the_past_has_no_discount_and_ends_nothing(settled_at) -> None:
+    _, timestep = stepped(PlanningConfig(settled_at=settled_at), 900.0)
+    assert timestep.measures["offroad"].value == 1
+    assert timestep.measures["collision"].value == 0
+    assert timestep.discount == ("offroad" not in settled_at)
+    assert not timestep.terminated
+    _, on_road = stepped(PlanningConfig(settled_at=settled_at), 0.0)
+    assert on_road.discount == 1
+
+
 def test_smooth_costs_are_measured_where_a_reward_asks_for_them() -> None:
     weights = {"smooth_offroad": -0.5, "log_displacement": -1.0}
     _, timestep = stepped(PlanningConfig(reward=weights), 20.0)
@@ -78,6 +89,7 @@ def test_in_self_play_those_who_move_act_and_leave_when_they_are_hit() -> None:
         (PlanningConfig, {"sim_agent": "idmm"}, "did you mean 'idm'"),
         (PlanningConfig, {"reward": "sparce"}, "did you mean 'sparse'"),
         (PlanningConfig, {"reward": {"offrod": 1.0}}, "did you mean 'offroad'"),
+        (PlanningConfig, {"settled_at": ("colision",)}, "did you mean 'collision'"),
         (SelfPlayConfig, {"remove_at": ("goals",)}, "did you mean 'goal'"),
         (SelfPlayConfig, {"shaping": ShapingConfig(weight=-1.0)}, "must be positive"),
     ],
