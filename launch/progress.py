@@ -13,7 +13,7 @@ from rich import console as rich_console, progress as rich_progress
 
 SILENT_SECONDS = 2.0  # a job that ends sooner says nothing
 PLAIN_SECONDS = 5.0  # between two lines where there is no terminal
-RATE_SECONDS = 30.0  # the rate is that of the latest stretch, free of compile time
+RATE_SECONDS = 30.0  # the rate is that of the latest stretch
 
 
 @contextlib.contextmanager
@@ -65,7 +65,7 @@ class ProgressLine:
         self._console, self._clock = console, clock
         self._began = clock()
         self._last_line: float | None = None
-        self._recent = collections.deque([(self._began, start)])
+        self._recent: collections.deque[tuple[float, int]] = collections.deque()
         self._bar: rich_progress.Progress | None = None
 
     def update(self, done: int, note: str = "") -> None:
@@ -96,14 +96,17 @@ class ProgressLine:
             self._say(f"{self._done:,} {self._unit} in {duration(seconds)}, {rate}")
 
     def _status(self, note: str) -> str:
-        (then, before), (now, done) = self._recent[0], self._recent[-1]
+        # The first stretch may have been compiling: it foretells nothing.
+        is_known = len(self._recent) > 1
+        then, before = self._recent[0] if is_known else (self._began, self._start)
+        now, done = self._recent[-1]
         rate = (done - before) / (now - then) if now > then else 0.0
         of_total = "" if self._total is None else f" of {self._total:,}"
         parts = [
             f"{done:,}{of_total} {self._unit}",
             _per_second(rate),
         ]
-        if self._total is not None and rate > 0:
+        if self._total is not None and is_known and rate > 0:
             parts.append(f"{duration((self._total - done) / rate)} left")
         return ", ".join([*parts, note] if note else parts)
 

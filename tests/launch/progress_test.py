@@ -67,6 +67,22 @@ def test_the_rate_forgets_a_slow_start() -> None:
     assert "training: 60 of 1,000 steps, 1.0/s, 15 min 40 s left" in out.getvalue()
 
 
+def test_the_first_step_foretells_no_time() -> None:
+    clock, out = Clock(), io.StringIO()
+    with progress.progress(
+        "training", 100, unit="steps", console=Console(file=out), clock=clock
+    ) as line:
+        clock.now += 60  # compiles
+        line.update(1)
+        for done in range(2, 8):
+            clock.now += 1
+            line.update(done)
+    assert out.getvalue().splitlines()[:2] == [
+        "training: 1 of 100 steps, 0.0/s",
+        "training: 6 of 100 steps, 1.0/s, 1 min 34 s left",
+    ]
+
+
 def test_a_job_of_unknown_size_says_its_rate() -> None:
     clock, out = Clock(), io.StringIO()
     with progress.progress(
