@@ -13,7 +13,8 @@ import jax
 import jax.numpy as jnp
 from jax.sharding import Mesh
 
-from ..learners import mesh as meshes
+from ..learners import mesh as meshes, strata
+from ..learners.base import TrainState
 from ..learners.program import compile_replacement
 from ..sim.data import dealing, store
 from ..sim.data.bank import Bank, total_bytes
@@ -26,7 +27,7 @@ class Feed(abc.ABC):
     """What a training run drives on."""
 
     bank: Bank  # every leaf sharded along a leading axis of devices
-    identity: Mapping[str, str | int]  # equal for runs on the same scenarios
+    identity: Mapping[str, str]  # equal for runs on the same scenarios
 
     @abc.abstractmethod
     def describe(self) -> str:
@@ -34,7 +35,22 @@ class Feed(abc.ABC):
 
     @abc.abstractmethod
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Goes on where a run was that had this state."""
+        """Goes on where a run on as many devices was that had this state."""
+
+    @abc.abstractmethod
+    def redeal(
+        self, train_state: TrainState, fresh: TrainState, num_before: int
+    ) -> tuple[TrainState, str]:
+        """Fits the train state of a run on another number of devices to those here.
+
+        Args:
+            train_state: of that run.
+            fresh: one that begins here.
+            num_before: devices of that run.
+
+        Returns:
+            The train state, and what became of its worlds, to be told.
+        """
 
     @abc.abstractmethod
     def state(self) -> Mapping[str, Any]:
@@ -79,9 +95,9 @@ def open_feed(
         mesh: of the devices.
         num_strata: of the learner, into which what does not stream is divided.
         seed: of the order in which scenarios stream.
-        saved: what a run that goes on kept: a feed's `identity` and, as `feed`, its
-            `state`. If the feed is the same, it begins there; `restore` would fill the
-            bank once more.
+        saved: what a run that goes on kept: a feed's `identity`, how many `devices` it
+            had and, as `feed`, its `state`. If they are the same, the feed begins
+            there; `restore` would fill the bank once more.
 
     Raises:
         FileNotFoundError: if there is no such store or file.
@@ -114,10 +130,7 @@ class Resident(Feed):
         digest = hashlib.sha256()
         for scenario in loaded.scenarios:
             digest.update(store.encode(scenario))
-        self.identity: Mapping[str, str | int] = {
-            "scenarios": digest.hexdigest(),
-            "devices": loaded.num_devices,
-        }
+        self.identity: Mapping[str, str] = {"scenarios": digest.hexdigest()}
 
     def describe(self) -> str:
         """Returns a line about the bank."""
@@ -125,6 +138,18 @@ class Resident(Feed):
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Does nothing: the bank never changes."""
+
+    def redeal(
+        self, train_state: TrainState, fresh: TrainState, num_before: int
+    ) -> tuple[TrainState, str]:
+        """Tells the worlds where their scenarios lie; they go on as they would have."""
+        worlds = strata.redeal(
+            train_state.worlds,
+            num_before,
+            self._loaded.num_devices,
+            axis=train_state.step.ndim,
+        )
+        return train_state.replace(worlds=worlds), "worlds go on as they were"
 
     def state(self) -> Mapping[str, Any]:
         """Returns nothing: the bank never changes."""
@@ -157,11 +182,9 @@ class Streaming(Feed):
         self._replace = compile_replacement()
         self._coming: tuple[int, Bank, float] | None = None
         self._state: Mapping[str, Any] = {}
-        self.identity: Mapping[str, str | int] = {
-            "scenarios": digest,
-            "devices": mesh.size,
-        }
-        is_same = saved is not None and self.identity.items() <= saved.items()
+        self.identity: Mapping[str, str] = {"scenarios": digest}
+        same = {**self.identity, "devices": mesh.size}
+        is_same = saved is not None and same.items() <= saved.items()
         self._fill(saved["feed"] if saved is not None and is_same else None)
 
     def _fill(self, state: Mapping[str, Any] | None) -> None:
@@ -182,6 +205,13 @@ class Streaming(Feed):
         """Goes on where a run was that had this state."""
         if state != self._state:
             self._fill(state)
+
+    def redeal(
+        self, train_state: TrainState, fresh: TrainState, num_before: int
+    ) -> tuple[TrainState, str]:
+        """Begins worlds anew: the stream does, and theirs are not here any more."""
+        told = "the stream, worlds and replay begin anew"
+        return train_state.replace(worlds=fresh.worlds), told
 
     def state(self) -> Mapping[str, Any]:
         """Returns which records are in the bank, and which come."""

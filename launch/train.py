@@ -82,9 +82,8 @@ def train(
     if checkpoints.steps():
         restored = checkpoints.restore(state)
         _check_same(restored.metadata, feed.identity, folder)
-        state = restored.tree
-        feed.restore(restored.metadata["feed"])
         _say(f"continuing {folder} at update {restored.step:,}")
+        state = _resume(restored, state, feed, mesh)
     elif experiment.pretrained is not None:
         adopt = learns.adopt if experiment.seeds == 1 else jax.vmap(learns.adopt)
         state = adopt(state, _pretrained(experiment, state.params, mesh))
@@ -92,7 +91,7 @@ def train(
     if _updates(state) >= experiment.updates:
         _say(f"{folder} has been trained to its end")
     files.write_whole(folder / CONFIG, config.to_yaml(experiment))
-    run = Run(experiment, folder, program, feed, watch, checkpoints)
+    run = Run(experiment, folder, program, feed, mesh.size, watch, checkpoints)
     with contextlib.closing(feed):
         with logbook.Logbook(folder, resume_step=_updates(state)) as log:
             state = _run(run, state, log)
@@ -108,6 +107,7 @@ class Run:
     folder: pathlib.Path
     program: Program
     feed: Feed
+    num_devices: int
     watch: Callable[[TrainState], dict[str, float]]
     checkpoints: checkpoint.Checkpoints
 
@@ -131,8 +131,25 @@ def _run(run: Run, state: TrainState, log: logbook.Logbook) -> TrainState:
                 done, f"loss {scalars['loss']:.3f}" if "loss" in scalars else ""
             )
             if done == total or done % experiment.updates_per_checkpoint == 0:
-                kept = {**feed.identity, "feed": feed.state()}
+                kept = {
+                    **feed.identity,
+                    "devices": run.num_devices,
+                    "feed": feed.state(),
+                }
                 run.checkpoints.save_async(done, state, kept)
+    return state
+
+
+def _resume(
+    restored: checkpoint.Restored, fresh: TrainState, feed: Feed, mesh: Mesh
+) -> TrainState:
+    """Returns the train state of a checkpoint, fitted to the devices here."""
+    num_before = restored.metadata["devices"]
+    if num_before == mesh.size:
+        feed.restore(restored.metadata["feed"])
+        return restored.tree
+    state, told = feed.redeal(restored.tree, fresh, num_before)
+    _say(f"dealt to {mesh.size} device(s), before {num_before}: {told}")
     return state
 
 

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int, Key, PyTree
 
 from ..sim.data.stratum import Stratum
+from ..sim.env.base import State
 from ..sim.records import Record
 
 
@@ -64,6 +65,35 @@ def part(tree: PyTree[Array], num_strata: int) -> PyTree[Array]:
         ),
         tree,
     )
+
+
+def redeal(
+    worlds: PyTree[Array], num_before: int, num_now: int, axis: int = 0
+) -> PyTree[Array]:
+    """Tells worlds where their scenarios lie once other devices share the strata.
+
+    On a device with k of the strata, number j among them has the scenarios j, j + k,
+    and so on (`dealing.by_stratum`).
+
+    Args:
+        worlds: a tree with the states of worlds, of the strata of all devices.
+        num_before: devices that shared the strata; it divides their number.
+        num_now: devices that share them now, likewise.
+        axis: of the strata.
+    """
+
+    def move(tree: PyTree[Array]) -> PyTree[Array]:
+        if not isinstance(tree, State):
+            return tree
+        num_strata = tree.index.shape[axis]
+        before, now = num_strata // num_before, num_strata // num_now
+        stratum = jnp.arange(num_strata).reshape(
+            [-1 if i == axis else 1 for i in range(tree.index.ndim)]
+        )
+        place = tree.index // before  # in the stratum
+        return tree.replace(index=place * now + stratum % now)
+
+    return jax.tree.map(move, worlds, is_leaf=lambda tree: isinstance(tree, State))
 
 
 def check(num_strata: int, **parts: int) -> None:

@@ -32,7 +32,8 @@ def opened(source: Source, saved: Mapping[str, Any] | None = None) -> feeds.Feed
 
 def kept(feed: feeds.Feed) -> Mapping[str, Any]:
     """Returns what a checkpoint keeps of a feed."""
-    return json.loads(json.dumps({**feed.identity, "feed": feed.state()}))
+    found = {**feed.identity, "devices": 1, "feed": feed.state()}
+    return json.loads(json.dumps(found))
 
 
 def held(feed: feeds.Feed) -> set[int]:
