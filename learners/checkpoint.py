@@ -1,31 +1,38 @@
-"""Saves and restores checkpoints: arrays of any tree and metadata, with a hash of both.
+"""Saves and restores checkpoints: arrays of any tree, and metadata.
 
 The format on disk is Orbax's, which commits a step by renaming its folder: a save cut
-short leaves no step. What Orbax does not notice (a flipped bit) the hash does.
+short leaves no step. What Orbax does not notice (a flipped bit) the hashes do that lie
+beside the folder; a step without them is not finished. With several processes each
+writes what it holds, and the first one alone says what is finished and what is damaged.
 """
 
+import concurrent.futures
+import contextlib
 import dataclasses
-import hashlib
 import json
 import logging
 import pathlib
 import shutil
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.experimental import multihost_utils
 from jaxtyping import Array, PyTree
 from orbax.checkpoint import v1 as orbax
+
+from . import checksums
 
 logger = logging.getLogger(__name__)
 
 Tree = PyTree  # of arrays of JAX or NumPy
+NONE = -1  # in place of a step
 
 
-class DamagedError(Exception):
-    """A checkpoint that is not what was saved."""
+class SaveError(OSError):
+    """A step that could not be saved; those before it are as they were."""
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
@@ -40,7 +47,7 @@ class Restored:
 class Checkpoints:
     """The checkpoints of one run: a directory with one folder per step.
 
-    Any number of processes may read; one may write.
+    Any number of runs may read; one may write.
     """
 
     def __init__(self, directory: pathlib.Path, keep: int = 3):
@@ -58,18 +65,20 @@ class Checkpoints:
         self._directory = directory.absolute()
         self._keep = keep
         self._damaged: set[int] = set()
-        self._pending: orbax.AsyncResponse[None] | None = None
+        self._thread = concurrent.futures.ThreadPoolExecutor(1, "drivetrain-save")
+        self._pending: concurrent.futures.Future[None] | None = None
 
     def steps(self) -> list[int]:
         """Lists the steps that were saved and not found damaged, in order."""
-        if not self._directory.exists():
-            return []
-        names = [path.name for path in self._directory.iterdir()]
-        return sorted({int(n) for n in names if n.isdecimal()} - self._damaged)
+        return sorted(
+            step
+            for step in set(self._folders()) - self._damaged
+            if checksums.exist(self._folder(step))
+        )
 
     def saved(self) -> list[int]:
         """Lists the steps when no save is under way any more, as `steps` does."""
-        self.wait()
+        self._settle()
         return self.steps()
 
     def save(self, step: int, tree: Tree, metadata: Mapping[str, Any]) -> None:
@@ -80,8 +89,9 @@ class Checkpoints:
     def save_async(self, step: int, tree: Tree, metadata: Mapping[str, Any]) -> None:
         """Copies the arrays to the host, and writes them while the caller goes on.
 
-        A save under way is waited for. Steps that `restore` found damaged are renamed
-        to `STEP.damaged`, so that they do not stand before what is saved now.
+        A save under way is waited for; if it fails, a warning says so, and this one is
+        the next try. Steps that `restore` found damaged are renamed to `STEP.damaged`,
+        so that they do not stand before what is saved now.
 
         Args:
             step: after every step saved before.
@@ -92,45 +102,53 @@ class Checkpoints:
             ValueError: if the step is not after the newest one.
             TypeError: if a leaf is no array, or JSON cannot hold the metadata.
         """
-        self.wait()
-        newest = max(self.steps(), default=-1)
+        self._settle()
+        newest = max(self.steps(), default=NONE)
         if step <= newest:
             raise ValueError(
                 f"step {step} is not after step {newest}, the newest in "
                 f"{self._directory}; restore it first, or save to another directory."
             )
         text = json.dumps(metadata)
-        # Copies, as the program may reuse the buffers. Orbax refuses empty arrays.
-        arrays = {n: np.array(leaf) for n, leaf in _named(tree).items() if leaf.size}
-        self._directory.mkdir(parents=True, exist_ok=True)
-        self._set_damaged_aside()
-        self._pending = orbax.save_async(
-            str(self._directory / str(step)),
-            arrays,
-            custom_metadata={"metadata": text, "sha256": _digest(arrays, text)},
-        )
+        # Orbax refuses empty arrays.
+        arrays = {n: _kept(leaf) for n, leaf in _named(tree).items() if leaf.size}
+        try:
+            with self._explained(step):
+                if _is_first():
+                    self._make_way()
+                saving = orbax.save_async(
+                    str(self._folder(step)), arrays, custom_metadata={"metadata": text}
+                )
+        except SaveError as error:
+            self._pending = concurrent.futures.Future()
+            self._pending.set_exception(error)
+        else:
+            self._pending = self._thread.submit(self._finish, step, saving.result)
 
     def wait(self) -> None:
-        """Waits for the save under way, if any, then deletes what is not kept."""
-        if self._pending is None:
-            return
+        """Waits for the save under way, if any.
+
+        Raises:
+            SaveError: if it fails.
+        """
         pending, self._pending = self._pending, None
-        pending.result()
-        for step in self.steps()[: -self._keep]:
-            shutil.rmtree(self._directory / str(step))
-        for unfinished in self._directory.glob("*.orbax-checkpoint-tmp*"):
-            shutil.rmtree(unfinished)
+        if pending is not None:
+            pending.result()
+
+    def _settle(self) -> None:
+        try:
+            self.wait()
+        except SaveError as error:
+            logger.warning("%s", error)
 
     def metadata(self) -> dict[str, Any] | None:
-        """Returns what the newest step says of itself, before its hash is checked.
+        """Returns what the newest step says of itself, before its hashes are checked.
 
         None if there is no step, or it says nothing that can be read.
         """
-        self.wait()
-        for step in self.steps()[-1:]:
+        for step in self.saved()[-1:]:
             try:
-                saved: Any = orbax.metadata(str(self._directory / str(step)))
-                return json.loads(saved.custom_metadata["metadata"])
+                return _metadata(self._folder(step))
             except Exception:  # whatever a reader meets in damaged bytes
                 return None
         return None
@@ -159,34 +177,79 @@ class Checkpoints:
             FileNotFoundError: if there is no undamaged step.
             ValueError: if the part of the step holds other arrays than `like`.
         """
-        self.wait()
-        for step in reversed(self.steps()):
-            path = self._directory / str(step)
-            try:
-                arrays, metadata = _read(path)
-            except DamagedError as error:
-                self._damaged.add(step)
-                logger.warning(
-                    "DAMAGED CHECKPOINT: %s is not what was saved (%s); falling back "
-                    "to the step before it.",
-                    path,
-                    error,
-                )
-                continue
-            part = {
-                name.removeprefix(prefix): array
-                for name, array in arrays.items()
-                if name.startswith(prefix)
-            }
-            return Restored(step=step, tree=_like(like, part), metadata=metadata)
-        raise FileNotFoundError(f"no undamaged checkpoint in {self._directory}.")
+        self._settle()
+        step = self._newest_undamaged() if _is_first() else NONE
+        if jax.process_count() > 1:
+            step = int(multihost_utils.broadcast_one_to_all(np.int32(step)))
+        if step == NONE:
+            raise FileNotFoundError(f"no undamaged checkpoint in {self._directory}.")
+        folder = self._folder(step)
+        tree = _read(folder, like, prefix)
+        return Restored(step=step, tree=tree, metadata=_metadata(folder))
 
-    def _set_damaged_aside(self) -> None:
-        for step in sorted(self._damaged):
-            aside = self._directory / f"{step}.damaged"
+    def _folder(self, step: int) -> pathlib.Path:
+        return self._directory / str(step)
+
+    def _folders(self) -> list[int]:
+        if not self._directory.is_dir():
+            return []
+        names = [path.name for path in self._directory.iterdir() if path.is_dir()]
+        return [int(name) for name in names if name.isdecimal()]
+
+    def _newest_undamaged(self) -> int:
+        for step in reversed(self.steps()):
+            error = checksums.damage(self._folder(step))
+            if error is None:
+                return step
+            self._damaged.add(step)
+            logger.warning(
+                "DAMAGED CHECKPOINT: %s is not what was saved (%s); falling back to "
+                "the step before it.",
+                self._folder(step),
+                error,
+            )
+        return NONE
+
+    def _finish(self, step: int, written: Callable[[], None]) -> None:
+        """Waits until a step is on disk, notes its hashes, and deletes what is old."""
+        with self._explained(step):
+            written()
+            if _is_first():
+                checksums.write(self._folder(step))
+                for old in self.steps()[: -self._keep]:
+                    self._delete(old)
+
+    @contextlib.contextmanager
+    def _explained(self, step: int) -> Iterator[None]:
+        try:
+            yield
+        except Exception as error:  # whatever a full or lost disk makes Orbax raise
+            raise SaveError(
+                f"update {step:,} was not saved in '{self._directory}': "
+                f"{str(error)[:200]}; make room there, or give back the right to write"
+            ) from error
+
+    def _make_way(self) -> None:
+        """Sets damaged steps aside, and deletes what cut saves have left."""
+        self._directory.mkdir(parents=True, exist_ok=True)
+        for damaged in sorted(self._damaged):
+            aside = self._directory / f"{damaged}.damaged"
             shutil.rmtree(aside, ignore_errors=True)
-            (self._directory / str(step)).rename(aside)
+            self._folder(damaged).rename(aside)
+            checksums.remove(self._folder(damaged))
         self._damaged.clear()
+        for unfinished in set(self._folders()) - set(self.steps()):
+            self._delete(unfinished)
+        for unfinished in self._directory.glob("*.orbax-checkpoint-tmp*"):
+            shutil.rmtree(unfinished)
+
+    def _delete(self, step: int) -> None:
+        checksums.remove(self._folder(step))
+        shutil.rmtree(self._folder(step))
+
+
+def _is_first() -> bool:
+    return jax.process_index() == 0
 
 
 def _named(tree: Tree) -> dict[str, Array | np.ndarray]:
@@ -209,53 +272,59 @@ def _is_key(leaf: Array | np.ndarray) -> bool:
     return jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
 
 
-def _digest(arrays: Mapping[str, np.ndarray], metadata: str) -> str:
-    digest = hashlib.sha256(metadata.encode())
-    for name, array in sorted(arrays.items()):
-        digest.update(f"\n{name} {array.dtype} {array.shape}\n".encode())
-        digest.update(array.tobytes())
-    return digest.hexdigest()
+def _kept(leaf: Array | np.ndarray) -> Array | np.ndarray:
+    """Returns an array that stays as it is while it is written.
+
+    From other devices than CPUs Orbax copies before the program may reuse the memory.
+    """
+    if isinstance(leaf, np.ndarray):
+        return leaf.copy()
+    is_on_cpu = next(iter(leaf.sharding.device_set)).platform == "cpu"
+    return jnp.copy(leaf) if is_on_cpu else leaf
 
 
-def _read(path: pathlib.Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    try:
-        saved: Any = orbax.metadata(str(path)).custom_metadata
-        text, expected = saved["metadata"], saved["sha256"]
-        arrays = {name: np.asarray(x) for name, x in orbax.load(str(path)).items()}
-    except MemoryError:  # says nothing about the checkpoint
-        raise
-    except Exception as error:  # whatever a reader meets in damaged bytes
-        # Storage errors quote their whole specification.
-        raise DamagedError(f"it cannot be read: {str(error)[:200]}") from error
-    if _digest(arrays, text) != expected:
-        raise DamagedError("its hash differs")
-    return arrays, json.loads(text)
+def _metadata(folder: pathlib.Path) -> dict[str, Any]:
+    saved: Any = orbax.metadata(str(folder)).custom_metadata
+    return json.loads(saved["metadata"])
 
 
-def _like(like: Tree, arrays: Mapping[str, np.ndarray]) -> Tree:
+def _read(folder: pathlib.Path, like: Tree, prefix: str) -> Tree:
+    """Returns a part of what a folder holds, each array where the one here is."""
+    named = _named(like)
+    wanted = {prefix + name: leaf for name, leaf in named.items() if leaf.size}
+    there: Any = orbax.metadata(str(folder)).metadata
+    part = {name for name in there if name.startswith(prefix)}
+    for name in sorted(wanted.keys() | part):
+        ours, saved = (
+            f"{a[name].dtype}{list(a[name].shape)}" if name in a else "nothing"
+            for a in (wanted, there)
+        )
+        if ours != saved:
+            raise ValueError(
+                f"the checkpoint does not fit: {name.removeprefix(prefix)} is {saved} "
+                f"in it and {ours} here; use the config that was saved beside it."
+            )
+    loaded = orbax.load(
+        str(folder),
+        {name: _abstract(wanted[name]) if name in wanted else ... for name in there},
+    )
+
     def place(leaf: Array | np.ndarray, name: str) -> Array | np.ndarray:
         if not leaf.size:
             return leaf
-        array = arrays[name]
-        if isinstance(leaf, np.ndarray):
-            return array
-        if _is_key(leaf):
-            bits = jnp.asarray(array)
-            array = jax.random.wrap_key_data(bits, impl=jax.random.key_impl(leaf))
         # The program donates its arguments: they must not share memory with the host.
-        return jax.device_put(array, leaf.sharding, may_alias=False)
-
-    named = _named(like)
-    wanted = {name: leaf for name, leaf in named.items() if leaf.size}
-    for name in sorted(wanted.keys() | arrays.keys()):
-        here, there = (
-            f"{a[name].dtype}{list(a[name].shape)}" if name in a else "nothing"
-            for a in (wanted, arrays)
-        )
-        if here != there:
-            raise ValueError(
-                f"the checkpoint does not fit: {name} is {there} in it and {here} "
-                f"here; use the config that was saved beside it."
+        found = _kept(loaded[prefix + name])
+        if _is_key(leaf):
+            return jax.random.wrap_key_data(
+                jnp.asarray(found), impl=jax.random.key_impl(leaf)
             )
+        return found
+
     leaves, structure = jax.tree.flatten(like)
     return jax.tree.unflatten(structure, map(place, leaves, named))
+
+
+def _abstract(leaf: Array | np.ndarray) -> jax.ShapeDtypeStruct | np.ndarray:
+    if isinstance(leaf, np.ndarray):
+        return leaf
+    return jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=leaf.sharding)

@@ -5,11 +5,11 @@ import pathlib
 
 import numpy as np
 import pytest
-from orbax.checkpoint import v1 as orbax
 
 from drivetrain.launch import config, logbook
 from drivetrain.launch.experiment import Experiment
 from drivetrain.launch.train import train
+from tests.launch import saved
 from tests.launch.cli_test import TINY
 
 ROUNDING = 1e-5  # relative, of float32 means
@@ -17,8 +17,8 @@ ROUNDING = 1e-5  # relative, of float32 means
 
 def params_of(run: pathlib.Path, step: int) -> dict[str, np.ndarray]:
     """Returns the parameters in a checkpoint of a run."""
-    found = orbax.load(str((run / "checkpoints" / str(step)).absolute()))
-    return {n: np.asarray(leaf) for n, leaf in found.items() if n.startswith(".params")}
+    found = saved.arrays(run, step)
+    return {n: leaf for n, leaf in found.items() if n.startswith(".params")}
 
 
 def test_seeds_are_trained_together_and_evaluated_each(

@@ -153,6 +153,32 @@ def test_values_that_are_no_arrays_are_refused(tmp_path: pathlib.Path) -> None:
         Checkpoints(tmp_path).save(1, {"cursor": 3}, {})
 
 
+def test_a_save_that_fails_is_told_and_the_next_one_tries_again(
+    tmp_path: pathlib.Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "full").write_text("no folder can be made here")
+    checkpoints = Checkpoints(tmp_path / "full")
+    with caplog.at_level(logging.WARNING, checkpoint.__name__):
+        checkpoints.save_async(1, tree(1), {})
+        checkpoints.save_async(2, tree(2), {})
+    assert "update 1 was not saved in" in caplog.text
+    with pytest.raises(checkpoint.SaveError, match="update 2 was not saved in"):
+        checkpoints.wait()
+    (tmp_path / "full").unlink()
+    checkpoints.save(3, tree(3), {})
+    assert Checkpoints(tmp_path / "full").steps() == [3]
+
+
+def test_a_step_without_hashes_is_none(tmp_path: pathlib.Path) -> None:
+    Checkpoints(tmp_path).save(1, tree(1), {})
+    Checkpoints(tmp_path).save(2, tree(2), {})
+    (tmp_path / "2.sha256").unlink()  # as if cut before them
+    checkpoints = Checkpoints(tmp_path)
+    assert checkpoints.restore(tree(0)).step == 1
+    checkpoints.save(2, tree(5), {})
+    assert_same(Checkpoints(tmp_path).restore(tree(0)).tree, tree(5))
+
+
 def test_a_kill_while_saving_leaves_no_wrong_step(tmp_path: pathlib.Path) -> None:
     script = """
         import itertools, pathlib, sys
