@@ -17,6 +17,7 @@ from . import (
     config,
     curves as drawing,
     demo as demos,
+    interrupts,
     outputs,
     spelling,
     stores,
@@ -182,13 +183,14 @@ def main() -> None:
             raise
         print(f"drivetrain: {_sentence(error)}", file=sys.stderr)
         sys.exit(2)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stopped:
         print(
             "drivetrain: stopped; when run again, prepare goes on from its last shard, "
             "train and demo from their last checkpoint, and the others begin anew",
             file=sys.stderr,
         )
-        sys.exit(130)
+        is_terminated = isinstance(stopped, interrupts.Terminated)
+        sys.exit(interrupts.AGAIN if is_terminated else 130)
 
 
 def _run(

@@ -68,11 +68,11 @@ def prepare(
     num_workers = workers or os.cpu_count() or 1
     with (
         progress("preparing", total, unit="inputs") as line,
-        interrupts.noted() as check,
+        interrupts.noted() as notice,
     ):
 
         def tick(done: int, num_scenarios: int) -> None:
-            check()
+            notice.check()
             line.update(done, f"{num_scenarios:,} scenarios")
 
         summary = preparing.prepare(items, out, settings, strict, tick, num_workers)

@@ -4,6 +4,7 @@ import contextlib
 import dataclasses
 import operator
 import pathlib
+import signal
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -18,7 +19,7 @@ from ..learners.base import Metrics, Program, TrainState
 from ..learners.program import compile_program, initial_state
 from ..learners.seeds import one_of
 from ..sim import files, names, pytrees
-from . import banks, config, divergence, feeds, logbook, nans
+from . import banks, config, divergence, feeds, interrupts, logbook, nans
 from .experiment import Experiment, agent, environment, keys, learner, over_seeds
 from .feeds import Feed
 from .monitor import Monitor
@@ -27,6 +28,7 @@ from .progress import progress
 CONFIG = "config.yaml"
 CHECKPOINTS = "checkpoints"
 PARAMS = ".params"  # of the train state in a checkpoint
+STOPPING = "stopping after these updates, to save them; once more stops at once"
 
 
 def train(
@@ -36,7 +38,8 @@ def train(
 
     Writes to the folder: `config.yaml` (as resolved), `metrics.jsonl` and TensorBoard's
     files, and `checkpoints/`. A run that was cut and continued gives the same
-    parameters, bit for bit, as one that was not.
+    parameters, bit for bit, as one that was not. Ctrl-C and SIGTERM end it after the
+    updates under way, which are saved.
 
     Args:
         experiment: what to run.
@@ -95,7 +98,6 @@ def train(
     with contextlib.closing(feed):
         with logbook.Logbook(folder, resume_step=_updates(state)) as log:
             state = _run(run, state, log)
-            checkpoints.wait()
     return state
 
 
@@ -115,7 +117,10 @@ class Run:
 def _run(run: Run, state: TrainState, log: logbook.Logbook) -> TrainState:
     experiment, feed = run.experiment, run.feed
     done, total = _updates(state), experiment.updates
-    with progress("training", total, unit="updates", start=done) as line:
+    with (
+        progress("training", total, unit="updates", start=done) as line,
+        interrupts.noted((signal.SIGINT, signal.SIGTERM), STOPPING) as notice,
+    ):
         while done < total:
             state, metrics = run.program(state, feed.bank)
             first, done = done + 1, done + experiment.updates_per_call
@@ -130,13 +135,16 @@ def _run(run: Run, state: TrainState, log: logbook.Logbook) -> TrainState:
             line.update(
                 done, f"loss {scalars['loss']:.3f}" if "loss" in scalars else ""
             )
-            if done == total or done % experiment.updates_per_checkpoint == 0:
-                kept = {
-                    **feed.identity,
-                    "devices": run.num_devices,
-                    "feed": feed.state(),
-                }
+            is_last = done == total or notice.came
+            if is_last or done % experiment.updates_per_checkpoint == 0:
+                kept = {**feed.identity, "devices": run.num_devices}
+                kept["feed"] = feed.state()
                 run.checkpoints.save_async(done, state, kept)
+            if is_last:
+                run.checkpoints.wait()
+                break
+        if done < total:
+            _say(f"saved {run.folder} at update {done:,}")
     return state
 
 

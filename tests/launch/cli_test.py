@@ -2,6 +2,8 @@
 
 import json
 import pathlib
+import signal
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -103,16 +105,23 @@ class Cut(KeyboardInterrupt):
     """Somebody presses Ctrl-C."""
 
 
-def cut_after(step: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Lets a training run be cut when it logs a step."""
+def cut() -> None:
+    """Presses Ctrl-C, and again."""
+    raise Cut
+
+
+def at(
+    step: int, monkeypatch: pytest.MonkeyPatch, happen: Callable[[], None] = cut
+) -> None:
+    """Lets something happen when a training run logs a step."""
     write = logbook.Logbook.write
 
-    def write_then_cut(log, now, scalars):
+    def write_and_more(log, now, scalars):
         write(log, now, scalars)
         if now == step:
-            raise Cut
+            happen()
 
-    monkeypatch.setattr(logbook.Logbook, "write", write_then_cut)
+    monkeypatch.setattr(logbook.Logbook, "write", write_and_more)
 
 
 def assert_same_checkpoint(a: pathlib.Path, b: pathlib.Path, step: int) -> None:
@@ -129,7 +138,7 @@ def test_a_run_that_was_cut_equals_one_that_was_not(
 ) -> None:
     (tmp_path / "tiny.yaml").write_text(TINY)
     assert drivetrain("train", "tiny.yaml", "--out", "whole") == 0
-    cut_after(cut_at, monkeypatch)
+    at(cut_at, monkeypatch)
     assert drivetrain("train", "tiny.yaml", "--out", "cut") == 130
     monkeypatch.undo()
     monkeypatch.chdir(tmp_path)
@@ -138,6 +147,21 @@ def test_a_run_that_was_cut_equals_one_that_was_not(
     lines = [(tmp_path / run / "metrics.jsonl").read_text() for run in ("whole", "cut")]
     assert lines[0] == lines[1]
     assert_same_checkpoint(tmp_path / "whole", tmp_path / "cut", 4)
+
+
+def test_a_run_that_is_told_to_end_saves_and_goes_on_as_one_that_was_not(
+    drivetrain, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, capfd
+) -> None:
+    (tmp_path / "tiny.yaml").write_text(TINY)
+    words = ("train", "tiny.yaml", "updates=6", "updates_per_checkpoint=6", "--out")
+    assert drivetrain(*words, "whole") == 0
+    at(2, monkeypatch, lambda: signal.raise_signal(signal.SIGTERM))
+    assert drivetrain(*words, "told") == 75
+    assert "saved told at update 2" in capfd.readouterr().err
+    monkeypatch.undo()
+    monkeypatch.chdir(tmp_path)
+    assert drivetrain(*words, "told") == 0
+    assert_same_checkpoint(tmp_path / "whole", tmp_path / "told", 6)
 
 
 def test_a_run_on_a_stream_that_was_cut_equals_one_that_was_not(
@@ -149,7 +173,7 @@ def test_a_run_on_a_stream_that_was_cut_equals_one_that_was_not(
     assert drivetrain("prepare", "synthetic:0:12", "store") == 0
     train = ("train", "tiny.yaml", "data=store", "--out")
     assert drivetrain(*train, "whole") == 0
-    cut_after(6, monkeypatch)
+    at(6, monkeypatch)
     assert drivetrain(*train, "cut") == 130
     monkeypatch.undo()
     monkeypatch.chdir(tmp_path)

@@ -36,12 +36,12 @@ def heeded() -> Iterator[None]:
 def test_what_comes_in_a_callback_is_raised_at_the_next_look(presses) -> None:
     seen = []
     with pytest.raises(KeyboardInterrupt):
-        with interrupts.noted() as check:
-            check()
+        with interrupts.noted() as notice:
+            notice.check()
             presses.append("once")
             gc.collect()
             seen.append("goes on")
-            check()
+            notice.check()
             seen.append("too far")
     assert seen == ["goes on"]
 
@@ -50,6 +50,16 @@ def test_what_comes_after_the_last_look_is_raised_at_the_end() -> None:
     with pytest.raises(KeyboardInterrupt):
         with interrupts.noted():
             signal.raise_signal(signal.SIGINT)
+
+
+def test_sigterm_is_told_from_ctrl_c(capfd: pytest.CaptureFixture) -> None:
+    both = (signal.SIGINT, signal.SIGTERM)
+    with pytest.raises(interrupts.Terminated):
+        with interrupts.noted(both, "wait") as notice:
+            signal.raise_signal(signal.SIGTERM)
+            assert notice.came
+    assert "wait" in capfd.readouterr().err
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
 
 
 def test_a_second_one_is_raised_at_once_and_all_is_as_before() -> None:
