@@ -14,6 +14,7 @@ from ..sim import files
 from ..sim.data import loader
 from . import (
     benchmark as benchmarking,
+    checkpoints,
     config,
     curves as drawing,
     demo as demos,
@@ -150,16 +151,24 @@ def data() -> None:
     """Says what is in data: drivetrain data summary | compare."""
 
 
-COMMANDS = {
+def checkpoint() -> None:
+    """Looks at the checkpoints of a run: drivetrain checkpoint list | verify."""
+
+
+COMMANDS: dict[str, Callable[..., None]] = {
     "prepare": stores.prepare,
     "data": data,
     "train": train,
+    "checkpoint": checkpoint,
     "evaluate": evaluate,
     "curves": drawing.curves,
     "benchmark": benchmark,
     "demo": demo,
 }
-DATA_COMMANDS = {"summary": stores.summary, "compare": stores.compare}
+GROUPS = {
+    "data": {"summary": stores.summary, "compare": stores.compare},
+    "checkpoint": {"list": checkpoints.show, "verify": checkpoints.verify},
+}
 
 
 def main() -> None:
@@ -167,8 +176,9 @@ def main() -> None:
     _use_compile_cache()
     words = spelling.spelt(sys.argv[1:])
     try:
-        if words[:1] == ["data"]:
-            _run(DATA_COMMANDS, "drivetrain data", data.__doc__ or "", words[1:])
+        if words and words[0] in GROUPS:
+            about = COMMANDS[words[0]].__doc__ or ""
+            _run(GROUPS[words[0]], f"drivetrain {words[0]}", about, words[1:])
         else:
             about = (
                 "Trains driving policies inside a simulator that runs on the "

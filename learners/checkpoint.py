@@ -72,7 +72,7 @@ class Checkpoints:
         """Lists the steps that were saved and not found damaged, in order."""
         return sorted(
             step
-            for step in set(self._folders()) - self._damaged
+            for step in set(self._whole()) - self._damaged
             if checksums.exist(self._folder(step))
         )
 
@@ -146,12 +146,27 @@ class Checkpoints:
 
         None if there is no step, or it says nothing that can be read.
         """
-        for step in self.saved()[-1:]:
-            try:
-                return _metadata(self._folder(step))
-            except Exception:  # whatever a reader meets in damaged bytes
-                return None
-        return None
+        newest = self.saved()[-1:]
+        return self.metadata_of(newest[0]) if newest else None
+
+    def metadata_of(self, step: int) -> dict[str, Any] | None:
+        """Returns what a step says of itself, unchecked, if that can be read."""
+        try:
+            return _metadata(self._folder(step))
+        except Exception:  # whatever a reader meets in damaged bytes
+            return None
+
+    def damage(self, step: int) -> str | None:
+        """Reads a step, and says what is wrong with it; None if nothing is."""
+        return checksums.damage(self._folder(step))
+
+    def folders(self) -> list[pathlib.Path]:
+        """Lists what is there by step: finished or not, and `STEP.damaged`."""
+        if not self._directory.is_dir():
+            return []
+        found = [path for path in self._directory.iterdir() if path.is_dir()]
+        named = [path for path in found if path.name.partition(".")[0].isdecimal()]
+        return sorted(named, key=lambda path: (int(path.name.partition(".")[0]), path))
 
     def restore(self, like: Tree) -> Restored:
         """Restores the newest step that is what was saved; warns of each that is not.
@@ -190,15 +205,14 @@ class Checkpoints:
     def _folder(self, step: int) -> pathlib.Path:
         return self._directory / str(step)
 
-    def _folders(self) -> list[int]:
-        if not self._directory.is_dir():
-            return []
-        names = [path.name for path in self._directory.iterdir() if path.is_dir()]
+    def _whole(self) -> list[int]:
+        """Lists the steps that Orbax has committed."""
+        names = [path.name for path in self.folders()]
         return [int(name) for name in names if name.isdecimal()]
 
     def _newest_undamaged(self) -> int:
         for step in reversed(self.steps()):
-            error = checksums.damage(self._folder(step))
+            error = self.damage(step)
             if error is None:
                 return step
             self._damaged.add(step)
@@ -238,7 +252,7 @@ class Checkpoints:
             self._folder(damaged).rename(aside)
             checksums.remove(self._folder(damaged))
         self._damaged.clear()
-        for unfinished in set(self._folders()) - set(self.steps()):
+        for unfinished in set(self._whole()) - set(self.steps()):
             self._delete(unfinished)
         for unfinished in self._directory.glob("*.orbax-checkpoint-tmp*"):
             shutil.rmtree(unfinished)

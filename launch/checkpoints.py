@@ -1,0 +1,83 @@
+"""Shows the checkpoints of a run, and checks them."""
+
+import datetime
+import pathlib
+from typing import Annotated
+
+import tyro
+from rich import console as rich_console, table as rich_table
+
+from ..learners.checkpoint import Checkpoints
+from .progress import progress
+from .train import CHECKPOINTS, CONFIG
+
+Run = Annotated[pathlib.Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
+
+
+def show(run: Run, /) -> None:
+    """Lists the checkpoints of a run.
+
+    drivetrain checkpoint list runs/small_ppo
+
+    Those that are not finished were cut as they were saved, and those that are damaged
+    were found so by a run that went on before them; neither is ever restored.
+
+    Args:
+        run: the folder of the run.
+    """
+    checkpoints = _of(run)
+    table = rich_table.Table()
+    for title in ("Update", "Size [MB]", "Devices", "Saved", "State"):
+        table.add_column(title, justify="left" if title == "State" else "right")
+    finished = checkpoints.steps()
+    for path in checkpoints.folders():
+        step, _, rest = path.name.partition(".")
+        is_finished = not rest and int(step) in finished
+        known = checkpoints.metadata_of(int(step)) if is_finished else None
+        written = datetime.datetime.fromtimestamp(path.stat().st_mtime)
+        table.add_row(
+            f"{int(step):,}",
+            f"{_num_bytes(path) / 1e6:,.1f}",
+            str(known["devices"]) if known else "-",
+            f"{written:%Y-%m-%d %H:%M}",
+            "finished" if is_finished else rest or "not finished",
+        )
+    rich_console.Console(highlight=False).print(table)
+
+
+def verify(run: Run, /) -> None:
+    """Reads every checkpoint of a run, and says whether it is what was saved.
+
+    drivetrain checkpoint verify runs/small_ppo
+
+    Ends with exit code 2 if one is damaged. 'sha256sum --check *.sha256' in the folder
+    of the checkpoints does the same.
+
+    Args:
+        run: the folder of the run.
+    """
+    checkpoints = _of(run)
+    steps, wrong = checkpoints.steps(), []
+    with progress("verifying", len(steps), unit="checkpoints") as line:
+        for done, step in enumerate(steps, start=1):
+            damage = checkpoints.damage(step)
+            print(f"{step:,}: {damage or 'as it was saved'}")
+            wrong += [f"{step:,}"] if damage else []
+            line.update(done)
+    if wrong:
+        raise ValueError(
+            f"{len(wrong)} of the {len(steps)} checkpoints of '{run}' are damaged: "
+            f"{', '.join(wrong)}; 'drivetrain train' goes on from the newest other"
+        )
+
+
+def _of(run: pathlib.Path) -> Checkpoints:
+    if not (run / CONFIG).is_file():
+        raise FileNotFoundError(
+            f"'{run}' is no run: {CONFIG} is missing; make one with 'drivetrain train'"
+        )
+    return Checkpoints(run / CHECKPOINTS)
+
+
+def _num_bytes(folder: pathlib.Path) -> int:
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())

@@ -1,0 +1,53 @@
+"""Tests that the checkpoints of a run are listed and checked."""
+
+import pathlib
+
+import jax.numpy as jnp
+import pytest
+
+from drivetrain.learners.checkpoint import Checkpoints
+
+
+@pytest.fixture
+def run(tmp_path: pathlib.Path) -> pathlib.Path:
+    """A run with two checkpoints, a cut one and one that was found damaged."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "config.yaml").write_text("")
+    checkpoints = Checkpoints(folder / "checkpoints")
+    for step in (2_000, 4_000):
+        checkpoints.save(step, {"a": jnp.arange(3)}, {"devices": 8})
+    (folder / "checkpoints" / "6000").mkdir()
+    (folder / "checkpoints" / "1000.damaged").mkdir()
+    return folder
+
+
+def test_they_are_listed_in_order_with_their_state(drivetrain, run, capsys) -> None:
+    assert drivetrain("checkpoint", "list", "run") == 0
+    rows = [line.split("│") for line in capsys.readouterr().out.splitlines()]
+    found = [
+        (row[1].strip(), row[3].strip(), row[5].strip()) for row in rows if row[1:]
+    ]
+    assert found == [
+        ("1,000", "-", "damaged"),
+        ("2,000", "8", "finished"),
+        ("4,000", "8", "finished"),
+        ("6,000", "-", "not finished"),
+    ]
+
+
+def test_those_that_are_damaged_are_named(drivetrain, run, capsys) -> None:
+    assert drivetrain("checkpoint", "verify", "run") == 0
+    assert "4,000: as it was saved" in capsys.readouterr().out
+    with (run / "checkpoints" / "4000" / "commit_success.txt").open("a") as file:
+        file.write("x")
+    assert drivetrain("checkpoint", "verify", "run") == 2
+    told = capsys.readouterr()
+    assert "2,000: as it was saved" in told.out
+    assert "4,000: the hash of 4000/commit_success.txt differs" in told.out
+    assert "1 of the 2 checkpoints of 'run' are damaged: 4,000" in told.err
+
+
+def test_a_folder_that_is_no_run_is_refused(drivetrain, run, capsys) -> None:
+    assert drivetrain("checkpoint", "list", "run/checkpoints") == 2
+    assert "is no run: config.yaml is missing" in capsys.readouterr().err
