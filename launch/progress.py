@@ -92,7 +92,7 @@ class ProgressLine:
         self.stop()
         seconds = self._clock() - self._began
         if self._bar is not None or self._last_line is not None:
-            rate = _per_second((self._done - self._start) / seconds)
+            rate = _rate((self._done - self._start) / seconds)
             self._say(f"{self._done:,} {self._unit} in {duration(seconds)}, {rate}")
 
     def _status(self, note: str) -> str:
@@ -104,7 +104,7 @@ class ProgressLine:
         of_total = "" if self._total is None else f" of {self._total:,}"
         parts = [
             f"{done:,}{of_total} {self._unit}",
-            _per_second(rate),
+            _rate(rate),
         ]
         if self._total is not None and is_known and rate > 0:
             parts.append(f"{duration((self._total - done) / rate)} left")
@@ -131,7 +131,9 @@ class ProgressLine:
         bar.update(bar.task_ids[0], completed=self._done, status=status)
 
 
-def _per_second(rate: float) -> str:
+def _rate(rate: float) -> str:
+    if rate < 1:
+        return f"{60 * rate:.1f}/min"
     return f"{rate:,.{0 if rate >= 10 else 1}f}/s"
 
 
