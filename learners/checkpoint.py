@@ -19,11 +19,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.experimental import multihost_utils
 from jaxtyping import Array, PyTree
 from orbax.checkpoint import v1 as orbax
 
-from . import checksums
+from . import checksums, mesh as meshes
 
 logger = logging.getLogger(__name__)
 
@@ -114,7 +113,7 @@ class Checkpoints:
         arrays = {n: _kept(leaf) for n, leaf in _named(tree).items() if leaf.size}
         try:
             with self._explained(step):
-                if _is_first():
+                if meshes.is_first():
                     self._make_way()
                 saving = orbax.save_async(
                     str(self._folder(step)), arrays, custom_metadata={"metadata": text}
@@ -193,9 +192,8 @@ class Checkpoints:
             ValueError: if the part of the step holds other arrays than `like`.
         """
         self._settle()
-        step = self._newest_undamaged() if _is_first() else NONE
-        if jax.process_count() > 1:
-            step = int(multihost_utils.broadcast_one_to_all(np.int32(step)))
+        step = self._newest_undamaged() if meshes.is_first() else NONE
+        step = int(meshes.largest(np.array(step)))  # the others say NONE
         if step == NONE:
             raise FileNotFoundError(f"no undamaged checkpoint in {self._directory}.")
         folder = self._folder(step)
@@ -228,7 +226,7 @@ class Checkpoints:
         """Waits until a step is on disk, notes its hashes, and deletes what is old."""
         with self._explained(step):
             written()
-            if _is_first():
+            if meshes.is_first():
                 checksums.write(self._folder(step))
                 for old in self.steps()[: -self._keep]:
                     self._delete(old)
@@ -260,10 +258,6 @@ class Checkpoints:
     def _delete(self, step: int) -> None:
         checksums.remove(self._folder(step))
         shutil.rmtree(self._folder(step))
-
-
-def _is_first() -> bool:
-    return jax.process_index() == 0
 
 
 def _named(tree: Tree) -> dict[str, Array | np.ndarray]:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh, PartitionSpec
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, PRNGKeyArray, PyTree
 
 from ..sim.data.bank import Bank
@@ -79,7 +79,8 @@ def compile_evaluator(
             mesh=mesh,
             in_specs=(everywhere, by_device, everywhere, everywhere),
             out_specs=PartitionSpec(None, meshes.AXIS),
-        )
+        ),
+        out_shardings=NamedSharding(mesh, everywhere),  # so that each process has all
     )
 
     def evaluate(
@@ -88,7 +89,7 @@ def compile_evaluator(
         key: PRNGKeyArray,
         tick: Callable[[int], None] = lambda done: None,
     ) -> PyTree:
-        total = int(np.sum(bank.num_scenarios))
+        total = int(jnp.sum(bank.num_scenarios))
         calls = []
         for first in range(0, bank.num_steps.shape[1], CALL):
             start = meshes.replicate(mesh, jnp.int32(first))

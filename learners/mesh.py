@@ -1,7 +1,9 @@
 """Lays out devices in one row, and arrays over them."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+from jax.experimental import multihost_utils
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, PyTree
 
@@ -9,28 +11,66 @@ AXIS = "data"
 
 
 def data_mesh() -> Mesh:
-    """Makes a mesh of one axis, `data`, over all devices of this process."""
-    devices = jax.local_devices()
+    """Makes a mesh of one axis, `data`, over all devices of all processes."""
+    devices = jax.devices()
     return jax.make_mesh(
         (len(devices),), (AXIS,), axis_types=(AxisType.Auto,), devices=devices
     )
 
 
+def own_places(mesh: Mesh) -> list[int]:
+    """Returns the places in the mesh of the devices of this process."""
+    here = jax.process_index()
+    return [i for i, device in enumerate(mesh.devices) if device.process_index == here]
+
+
+def is_first() -> bool:
+    """Tells whether this process is the one that speaks for all."""
+    return jax.process_index() == 0
+
+
+def largest(values: np.ndarray) -> np.ndarray:
+    """Returns the largest of each of some values among all processes.
+
+    Where one process knows a value and the others have 0, it is told to all.
+    """
+    if jax.process_count() == 1:
+        return values
+    return np.max(multihost_utils.process_allgather(values), axis=0)
+
+
 def replicate(mesh: Mesh, tree: PyTree[Array | np.ndarray]) -> PyTree[Array]:
-    """Puts a copy of every array on each device."""
-    return jax.device_put(tree, NamedSharding(mesh, PartitionSpec()))
+    """Puts a copy of every array, the same in all processes, on each device."""
+    everywhere = NamedSharding(mesh, PartitionSpec())
+
+    def put(leaf: Array | np.ndarray) -> Array:
+        if not jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
+            return jax.device_put(np.array(leaf), everywhere)
+        bits = jax.device_put(np.asarray(jax.random.key_data(leaf)), everywhere)
+        return jax.random.wrap_key_data(bits, impl=jax.random.key_impl(leaf))
+
+    return jax.tree.map(put, tree)
 
 
 def shard(mesh: Mesh, tree: PyTree[Array | np.ndarray]) -> PyTree[Array]:
-    """Puts entry i of every array's leading axis on device i.
+    """Puts entry i of every array's leading axis on device i of this process.
 
     Raises:
-        ValueError: if a leading axis is not as long as the mesh.
+        ValueError: if a leading axis is not as long as this process has devices.
     """
+    num_here = len(own_places(mesh))
+    by_device = NamedSharding(mesh, PartitionSpec(AXIS))
     for path, leaf in jax.tree_util.tree_leaves_with_path(tree):
-        if leaf.shape[:1] != (mesh.size,):
+        if leaf.shape[:1] != (num_here,):
             raise ValueError(
-                f"the leading axis of a sharded array must be the {mesh.size} devices, "
+                f"the leading axis of a sharded array must be the {num_here} devices, "
                 f"got shape {leaf.shape} for {jax.tree_util.keystr(path)}."
             )
-    return jax.device_put(tree, NamedSharding(mesh, PartitionSpec(AXIS)))
+
+    def put(leaf: Array | np.ndarray) -> Array:
+        shape = (mesh.size, *leaf.shape[1:])
+        return jax.make_array_from_process_local_data(
+            by_device, np.asarray(leaf), shape
+        )
+
+    return jax.tree.map(put, tree)
