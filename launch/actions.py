@@ -37,7 +37,7 @@ class Record:
         Raises:
             ValueError: if they are not.
         """
-        ids = tuple(scenario.scenario_id for scenario in loaded.scenarios)
+        ids = tuple(scenario.scenario_id for scenario in loaded.scenarios.values())
         num_steps, num_actions = loaded.bank.sizes.num_simulated, self.actions.shape[1]
         pairs = enumerate(zip(self.scenario_ids, ids, strict=False))
         other = [f"'{a}', not '{b}', as number {i}" for i, (a, b) in pairs if a != b]

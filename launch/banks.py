@@ -2,14 +2,15 @@
 
 import dataclasses
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 
 import jax
+import numpy as np
 from jax.sharding import Mesh
 
 from ..learners import mesh as meshes
 from ..sim.data import bank as banks, dealing, loader
-from ..sim.data.bank import Bank
+from ..sim.data.bank import Bank, Sizes
 from ..sim.data.packed import Packed
 from .progress import progress
 
@@ -19,11 +20,12 @@ class Loaded:
     """Scenarios on the devices, and what the host knows of them."""
 
     bank: Bank  # every leaf sharded along a leading axis of devices
-    scenarios: Sequence[Packed]  # each once, as they were loaded
+    num_scenarios: int  # each counted once
+    scenarios: Mapping[int, Packed]  # by number: all, or those of this process
 
     @property
     def num_devices(self) -> int:
-        """How many devices share the bank."""
+        """How many devices, of all processes, share the bank."""
         return self.bank.num_scenarios.size
 
     @property
@@ -47,6 +49,8 @@ def load(
 ) -> Loaded:
     """Loads scenarios into a bank over the devices of a mesh.
 
+    Each process keeps those of its own devices.
+
     Args:
         source: the scenarios.
         max_objects: of a scenario, those that matter most to the ego.
@@ -59,29 +63,62 @@ def load(
     """
     if max_objects < 1:
         raise ValueError(f"max_objects must be at least 1, got {max_objects}.")
+    places = meshes.own_places(mesh)
+
+    def own(count: int) -> list[list[int]]:
+        dealt = deal(count, mesh.size)
+        return [dealt[place] for place in places]
+
+    def share(count: int) -> list[int]:
+        return sorted({number for numbers in own(count) for number in numbers})
+
     with progress("loading", loader.count(source), unit="scenarios") as line:
-        scenarios = loader.load(source, line.update, os.cpu_count() or 1)
-    sizes = banks.Sizes.of(scenarios, max_objects)
-    dealt = deal(len(scenarios), mesh.size)
-    bank = banks.build_shards(scenarios, sizes, dealt)
-    return Loaded(bank=meshes.shard(mesh, bank), scenarios=scenarios)
+        count, scenarios = loader.load_share(
+            source, share, line.update, os.cpu_count() or 1
+        )
+    sizes = _agreed(banks.Sizes.of(list(scenarios.values()), max_objects))
+    bank = _evened(banks.build_shards(scenarios, sizes, own(count)))
+    return Loaded(
+        bank=meshes.shard(mesh, bank), num_scenarios=count, scenarios=scenarios
+    )
+
+
+def _agreed(sizes: Sizes) -> Sizes:
+    """Returns sizes into which the scenarios of all processes fit."""
+    own = dataclasses.asdict(sizes)
+    most = meshes.largest(np.array(list(own.values())))
+    return Sizes(**dict(zip(own, most.tolist(), strict=True)))
+
+
+def _evened(bank: Bank) -> Bank:
+    """Pads the tables of a process so that they are as long in all of them."""
+    leaves, structure = jax.tree.flatten(bank)
+    lengths = np.array([leaf.shape[1] if leaf.ndim > 1 else 0 for leaf in leaves])
+    more = meshes.largest(lengths) - lengths
+    padded = [
+        np.pad(leaf, [(0, 0), (0, extra), *[(0, 0)] * (leaf.ndim - 2)])
+        if extra
+        else leaf
+        for leaf, extra in zip(leaves, more.tolist(), strict=True)
+    ]
+    return jax.tree.unflatten(structure, padded)
 
 
 def describe(loaded: Loaded) -> str:
     """Returns a line about the bank: its scenarios, bytes, and what was left out."""
-    num_bytes = banks.total_bytes(loaded.bank)
-    count = len(loaded.scenarios)
-    capped = sum(
-        len(scenario.object_id) > loaded.bank.sizes.num_objects
-        for scenario in loaded.scenarios
-    )
+    num_bytes, count = banks.total_bytes(loaded.bank), loaded.num_scenarios
+    cap = loaded.bank.sizes.num_objects
+    is_capped = np.zeros(count, np.int32)
+    for number, scenario in loaded.scenarios.items():
+        is_capped[number] = len(scenario.object_id) > cap
+    capped = int(meshes.largest(is_capped).sum())
     line = (
         f"{count:,} scenarios on {loaded.num_devices} device(s), "
         f"{num_bytes / 1e6:,.1f} MB ({num_bytes / count / 1e3:,.1f} KB each)"
     )
     if capped:
         line += (
-            f"; {capped} have more than {loaded.bank.sizes.num_objects} objects, the "
-            "least relevant are left out (max_objects)"
+            f"; {capped} have more than {cap} objects, the least relevant are left out "
+            "(max_objects)"
         )
     return line

@@ -38,7 +38,7 @@ def show(run: Run, /) -> None:
         table.add_row(
             f"{int(step):,}",
             f"{_num_bytes(path) / 1e6:,.1f}",
-            str(known["devices"]) if known else "-",
+            str(known["layout"]["devices"]) if known else "-",
             f"{written:%Y-%m-%d %H:%M}",
             "finished" if is_finished else rest or "not finished",
         )

@@ -15,10 +15,12 @@ from ..sim.data import loader
 from . import (
     benchmark as benchmarking,
     checkpoints,
+    cluster,
     config,
     curves as drawing,
     demo as demos,
     interrupts,
+    job as jobs,
     outputs,
     spelling,
     stores,
@@ -27,6 +29,7 @@ from .benchmarks import timing
 from .benchmarks.base import Settings, numbers
 from .evaluate import SimAgent, evaluate
 from .experiment import Experiment
+from .job import JobConfig
 from .train import train as run_training
 
 
@@ -40,6 +43,9 @@ def train(
     /,
     out: pathlib.Path | None = None,
     debug_nans: bool = False,
+    processes: int = JobConfig.processes,
+    devices_per_process: int | None = JobConfig.devices_per_process,
+    restarts: int = JobConfig.restarts,
 ) -> None:
     """Trains an agent as a config says.
 
@@ -53,11 +59,24 @@ def train(
         out: the folder of the run; by default runs/ and the name of the config.
         debug_nans: where a loss becomes no number, go through that update operation by
             operation, and name the first whose result is none.
+        processes: of this machine, that train together; whatever ends one of them ends
+            all. Under Slurm, Open MPI and on Cloud TPU, let those start them.
+        devices_per_process: of the accelerators that processes share; without any, as
+            many virtual devices of CPU.
+        restarts: how often to go on from the last checkpoint where a process fails.
     """
+    job = JobConfig(
+        processes=processes, devices_per_process=devices_per_process, restarts=restarts
+    )
     experiment = config.load(config_file, Experiment, fields)
     folder = out or pathlib.Path("runs") / config_file.stem
+    if job != JobConfig() and cluster.PROCESSES not in os.environ:
+        sys.exit(jobs.run(sys.argv[1:], job))
+    cluster.join()
     _warn_of_pages(experiment)
     run_training(experiment, folder, debug_nans)
+    if not cluster.speaks():
+        return
     print(f"trained: {folder}; evaluate it with: {_evaluation(experiment, folder)}")
 
 

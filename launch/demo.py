@@ -96,7 +96,7 @@ def _panels(
     player: Player, loaded: Loaded, seed: int
 ) -> list[tuple[pictures.Panel, str]]:
     """Returns some scenarios at the end of the log, each with its caption."""
-    numbers = _of_each_kind(loaded.scenarios)[:NUM_PICTURES]
+    numbers = _of_each_kind(list(loaded.scenarios.values()))[:NUM_PICTURES]
     drawn = []
     for packed, recording in dump.recordings(player, loaded, seed, numbers):
         scenario = generate(int(packed.scenario_id.split("-")[1]))

@@ -126,7 +126,9 @@ def evaluate(
 def _recorded(player: Player, loaded: Loaded, seed: int, path: pathlib.Path) -> Player:
     """Writes the ego's actions to a file; returns the player of what was written."""
     taken = recording.Record(
-        scenario_ids=tuple(scenario.scenario_id for scenario in loaded.scenarios),
+        scenario_ids=tuple(
+            scenario.scenario_id for scenario in loaded.scenarios.values()
+        ),
         dynamics=player.dynamics,
         sim_agent=player.sim_agent,
         num_objects=loaded.bank.sizes.num_objects,

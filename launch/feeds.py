@@ -4,6 +4,7 @@ import abc
 import dataclasses
 import functools
 import hashlib
+import json
 import pathlib
 import time
 from collections.abc import Mapping
@@ -11,6 +12,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.sharding import Mesh
 
 from ..learners import mesh as meshes, strata
@@ -28,6 +30,7 @@ class Feed(abc.ABC):
 
     bank: Bank  # every leaf sharded along a leading axis of devices
     identity: Mapping[str, str]  # equal for runs on the same scenarios
+    layout: Mapping[str, int]  # equal for runs whose worlds fit to the bank as they are
 
     @abc.abstractmethod
     def describe(self) -> str:
@@ -35,18 +38,18 @@ class Feed(abc.ABC):
 
     @abc.abstractmethod
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Goes on where a run on as many devices was that had this state."""
+        """Goes on where a run of the same layout was that had this state."""
 
     @abc.abstractmethod
     def redeal(
-        self, train_state: TrainState, fresh: TrainState, num_before: int
+        self, train_state: TrainState, fresh: TrainState, before: Mapping[str, int]
     ) -> tuple[TrainState, str]:
-        """Fits the train state of a run on another number of devices to those here.
+        """Fits the train state of a run of another layout to the devices here.
 
         Args:
             train_state: of that run.
             fresh: one that begins here.
-            num_before: devices of that run.
+            before: the layout of that run.
 
         Returns:
             The train state, and what became of its worlds, to be told.
@@ -95,9 +98,9 @@ def open_feed(
         mesh: of the devices.
         num_strata: of the learner, into which what does not stream is divided.
         seed: of the order in which scenarios stream.
-        saved: what a run that goes on kept: a feed's `identity`, how many `devices` it
-            had and, as `feed`, its `state`. If they are the same, the feed begins
-            there; `restore` would fill the bank once more.
+        saved: what a run that goes on kept: a feed's `identity` and, as `layout` and
+            `feed`, its `layout` and `state`. If the first two are the same, the feed
+            begins there; `restore` would fill the bank once more.
 
     Raises:
         FileNotFoundError: if there is no such store or file.
@@ -127,10 +130,13 @@ class Resident(Feed):
         """Keeps what is loaded."""
         self.bank = loaded.bank
         self._loaded = loaded
-        digest = hashlib.sha256()
-        for scenario in loaded.scenarios:
-            digest.update(store.encode(scenario))
-        self.identity: Mapping[str, str] = {"scenarios": digest.hexdigest()}
+        digests = np.zeros((loaded.num_scenarios, hashlib.sha256().digest_size), "u1")
+        for number, scenario in loaded.scenarios.items():
+            found = hashlib.sha256(store.encode(scenario)).digest()
+            digests[number] = np.frombuffer(found, "u1")
+        whole = meshes.largest(digests).tobytes()
+        self.identity = {"scenarios": hashlib.sha256(whole).hexdigest()}
+        self.layout = {"devices": loaded.num_devices}
 
     def describe(self) -> str:
         """Returns a line about the bank."""
@@ -140,12 +146,12 @@ class Resident(Feed):
         """Does nothing: the bank never changes."""
 
     def redeal(
-        self, train_state: TrainState, fresh: TrainState, num_before: int
+        self, train_state: TrainState, fresh: TrainState, before: Mapping[str, int]
     ) -> tuple[TrainState, str]:
         """Tells the worlds where their scenarios lie; they go on as they would have."""
         worlds = strata.redeal(
             train_state.worlds,
-            num_before,
+            before["devices"],
             self._loaded.num_devices,
             axis=train_state.step.ndim,
         )
@@ -182,13 +188,15 @@ class Streaming(Feed):
         self._replace = compile_replacement()
         self._coming: tuple[int, Bank, float] | None = None
         self._state: Mapping[str, Any] = {}
-        self.identity: Mapping[str, str] = {"scenarios": digest}
-        same = {**self.identity, "devices": mesh.size}
+        self.identity = {"scenarios": digest}
+        self.layout = {"devices": mesh.size, "processes": jax.process_count()}
+        same = {**self.identity, "layout": self.layout}
         is_same = saved is not None and same.items() <= saved.items()
         self._fill(saved["feed"] if saved is not None and is_same else None)
 
     def _fill(self, state: Mapping[str, Any] | None) -> None:
-        self.bank = meshes.shard(self._mesh, self._stream.fill(state))
+        own = None if state is None else state["of_processes"][jax.process_index()]
+        self.bank = meshes.shard(self._mesh, self._stream.fill(own))
         self._state = self._stream.state
 
     def describe(self) -> str:
@@ -203,19 +211,20 @@ class Streaming(Feed):
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Goes on where a run was that had this state."""
-        if state != self._state:
+        if state["of_processes"][jax.process_index()] != self._state:
             self._fill(state)
 
     def redeal(
-        self, train_state: TrainState, fresh: TrainState, num_before: int
+        self, train_state: TrainState, fresh: TrainState, before: Mapping[str, int]
     ) -> tuple[TrainState, str]:
         """Begins worlds anew: the stream does, and theirs are not here any more."""
         told = "the stream, worlds and replay begin anew"
         return train_state.replace(worlds=fresh.worlds), told
 
     def state(self) -> Mapping[str, Any]:
-        """Returns which records are in the bank, and which come."""
-        return self._state
+        """Returns which records are in the bank of each process, and which come."""
+        states = meshes.gathered(json.dumps(self._state))
+        return {"of_processes": [json.loads(state) for state in states]}
 
     def begin(self, done: int) -> None:
         """Sends the next page to the devices, if it is due."""

@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator
 
 from rich import console as rich_console, progress as rich_progress
 
+from . import cluster
+
 SILENT_SECONDS = 2.0  # a job that ends sooner says nothing
 PLAIN_SECONDS = 5.0  # between two lines where there is no terminal
 RATE_SECONDS = 30.0  # the rate is that of the latest stretch
@@ -36,9 +38,8 @@ def progress(
         console: where to show it; standard error by default.
         clock: seconds that never run backwards.
     """
-    line = ProgressLine(
-        label, total, unit, start, console or rich_console.Console(stderr=True), clock
-    )
+    shown = console or rich_console.Console(stderr=True, quiet=not cluster.speaks())
+    line = ProgressLine(label, total, unit, start, shown, clock)
     try:
         yield line
     except BaseException:

@@ -4,7 +4,8 @@ import itertools
 from collections.abc import Sequence
 
 BOOLEANS = ("true", "false")
-WITH_VALUE = ("--out",)  # options of `train` that the next word belongs to
+# Options of `train` that the next word belongs to.
+WITH_VALUE = ("--out", "--processes", "--devices-per-process", "--restarts")
 
 
 def spelt(words: Sequence[str]) -> list[str]:

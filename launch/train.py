@@ -5,7 +5,7 @@ import dataclasses
 import operator
 import pathlib
 import signal
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import jax
@@ -19,7 +19,7 @@ from ..learners.base import Metrics, Program, TrainState
 from ..learners.program import compile_program, initial_state
 from ..learners.seeds import one_of
 from ..sim import files, names, pytrees
-from . import banks, config, divergence, feeds, interrupts, logbook, nans
+from . import banks, cluster, config, divergence, feeds, interrupts, logbook, nans
 from .experiment import Experiment, agent, environment, keys, learner, over_seeds
 from .feeds import Feed
 from .monitor import Monitor
@@ -28,6 +28,7 @@ from .progress import progress
 CONFIG = "config.yaml"
 CHECKPOINTS = "checkpoints"
 PARAMS = ".params"  # of the train state in a checkpoint
+Write = Callable[[int, Mapping[str, Any]], None]  # of a step, its scalars
 STOPPING = "stopping after these updates, to save them; once more stops at once"
 
 
@@ -86,18 +87,19 @@ def train(
         restored = checkpoints.restore(state)
         _check_same(restored.metadata, feed.identity, folder)
         _say(f"continuing {folder} at update {restored.step:,}")
-        state = _resume(restored, state, feed, mesh)
+        state = _resume(restored, state, feed)
     elif experiment.pretrained is not None:
         adopt = learns.adopt if experiment.seeds == 1 else jax.vmap(learns.adopt)
         state = adopt(state, _pretrained(experiment, state.params, mesh))
 
     if _updates(state) >= experiment.updates:
         _say(f"{folder} has been trained to its end")
-    files.write_whole(folder / CONFIG, config.to_yaml(experiment))
-    run = Run(experiment, folder, program, feed, mesh.size, watch, checkpoints)
+    if meshes.is_first():
+        files.write_whole(folder / CONFIG, config.to_yaml(experiment))
+    run = Run(experiment, folder, program, feed, watch, checkpoints)
     with contextlib.closing(feed):
-        with logbook.Logbook(folder, resume_step=_updates(state)) as log:
-            state = _run(run, state, log)
+        with _log(folder, _updates(state)) as write:
+            state = _run(run, state, write)
     return state
 
 
@@ -109,12 +111,11 @@ class Run:
     folder: pathlib.Path
     program: Program
     feed: Feed
-    num_devices: int
     watch: Callable[[TrainState], dict[str, float]]
     checkpoints: checkpoint.Checkpoints
 
 
-def _run(run: Run, state: TrainState, log: logbook.Logbook) -> TrainState:
+def _run(run: Run, state: TrainState, write: Write) -> TrainState:
     experiment, feed = run.experiment, run.feed
     done, total = _updates(state), experiment.updates
     with (
@@ -131,14 +132,13 @@ def _run(run: Run, state: TrainState, log: logbook.Logbook) -> TrainState:
             monitor = experiment.monitor
             if monitor is not None and done % monitor.every == 0:
                 scalars |= run.watch(state)
-            log.write(done, scalars)
+            write(done, scalars)
             line.update(
                 done, f"loss {scalars['loss']:.3f}" if "loss" in scalars else ""
             )
-            is_last = done == total or notice.came
+            is_last = done == total or _any(notice.came)
             if is_last or done % experiment.updates_per_checkpoint == 0:
-                kept = {**feed.identity, "devices": run.num_devices}
-                kept["feed"] = feed.state()
+                kept = {**feed.identity, "layout": feed.layout, "feed": feed.state()}
                 run.checkpoints.save_async(done, state, kept)
             if is_last:
                 run.checkpoints.wait()
@@ -148,16 +148,30 @@ def _run(run: Run, state: TrainState, log: logbook.Logbook) -> TrainState:
     return state
 
 
-def _resume(
-    restored: checkpoint.Restored, fresh: TrainState, feed: Feed, mesh: Mesh
-) -> TrainState:
+@contextlib.contextmanager
+def _log(folder: pathlib.Path, step: int) -> Iterator[Write]:
+    """Opens the logbook, and yields what writes to it: only the first process does."""
+    if not meshes.is_first():
+        yield lambda step, scalars: None
+        return
+    with logbook.Logbook(folder, resume_step=step) as log:
+        yield log.write
+
+
+def _any(was_told: bool) -> bool:
+    """Tells whether any process was told to end: all end after the same updates."""
+    return bool(meshes.largest(np.array(was_told)))
+
+
+def _resume(restored: checkpoint.Restored, fresh: TrainState, feed: Feed) -> TrainState:
     """Returns the train state of a checkpoint, fitted to the devices here."""
-    num_before = restored.metadata["devices"]
-    if num_before == mesh.size:
+    before, now = restored.metadata["layout"], feed.layout
+    if before == now:
         feed.restore(restored.metadata["feed"])
         return restored.tree
-    state, told = feed.redeal(restored.tree, fresh, num_before)
-    _say(f"dealt to {mesh.size} device(s), before {num_before}: {told}")
+    state, told = feed.redeal(restored.tree, fresh, before)
+    changes = [f"{now[name]} {name}, before {before.get(name)}" for name in now]
+    _say(f"dealt anew to {', '.join(changes)}: {told}")
     return state
 
 
@@ -234,7 +248,7 @@ def _pretrained(experiment: Experiment, params: Params, mesh: Mesh) -> Params:
 
 
 def _say(line: str) -> None:
-    console = rich_console.Console(stderr=True)
+    console = rich_console.Console(stderr=True, quiet=not cluster.speaks())
     console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 

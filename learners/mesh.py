@@ -20,8 +20,8 @@ def data_mesh() -> Mesh:
 
 def own_places(mesh: Mesh) -> list[int]:
     """Returns the places in the mesh of the devices of this process."""
-    here = jax.process_index()
-    return [i for i, device in enumerate(mesh.devices) if device.process_index == here]
+    here = set(mesh.local_devices)
+    return [place for place, device in enumerate(mesh.devices) if device in here]
 
 
 def is_first() -> bool:
@@ -37,6 +37,17 @@ def largest(values: np.ndarray) -> np.ndarray:
     if jax.process_count() == 1:
         return values
     return np.max(multihost_utils.process_allgather(values), axis=0)
+
+
+def gathered(text: str) -> list[str]:
+    """Returns the texts of all processes, in their order."""
+    if jax.process_count() == 1:
+        return [text]
+    own = np.frombuffer(text.encode(), np.uint8)
+    padded = np.zeros(largest(np.array(own.size)), np.uint8)
+    padded[: own.size] = own
+    rows = multihost_utils.process_allgather(padded)
+    return [row.tobytes().rstrip(b"\0").decode() for row in rows]
 
 
 def replicate(mesh: Mesh, tree: PyTree[Array | np.ndarray]) -> PyTree[Array]:

@@ -288,12 +288,14 @@ def total_bytes(bank: Bank) -> int:
 
 
 def build_shards(
-    scenarios: Sequence[Packed], sizes: Sizes, dealt: Sequence[Sequence[int]]
+    scenarios: Sequence[Packed] | Mapping[int, Packed],
+    sizes: Sizes,
+    dealt: Sequence[Sequence[int]],
 ) -> Bank:
     """Builds a bank of each shard: every array gets a leading axis of shards.
 
     Args:
-        scenarios: all of them.
+        scenarios: those that are dealt, by number.
         sizes: into which they fit, but for capped objects.
         dealt: the numbers of those of each shard, as `dealing` says.
 

@@ -3,7 +3,7 @@
 import dataclasses
 import hashlib
 import pathlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from typing import Any, Literal
 
 import grain
@@ -78,19 +78,65 @@ def load(
         StoreError: if the store is damaged.
         ValueError: if `synthetic:FIRST:COUNT` is malformed.
     """
+    _, loaded = load_share(source, range, tick, num_workers)
+    return list(loaded.values())
+
+
+def load_share(
+    source: Source,
+    share: Callable[[int], Iterable[int]],
+    tick: Callable[[int], None] = lambda done: None,
+    num_workers: int = 1,
+) -> tuple[int, dict[int, Packed]]:
+    """Returns how many scenarios a source has, and some of them by number.
+
+    Of a store no others are read; of files and the generator all are, and the others
+    dropped.
+
+    Args:
+        source: what to load.
+        share: of how many scenarios there are, the numbers of those that are wanted.
+        tick: called after each scenario with their number so far.
+        num_workers: as for `load`, which raises the same.
+    """
+    if source.is_store:
+        return _of_store(source, share, tick)
     bad: list[BadRecord] = []
     kept: list[Packed] = []
     census = Census(source.split, source.query)
     limit = source.max_scenarios
-    for done, packed in enumerate(_open(source, bad, num_workers), start=1):
+    config = PackConfig(quantize=source.quantize)
+    records = all_records(inputs_of(source.path), config, num_workers)
+    for done, record in enumerate(records, start=1):
         tick(done)
-        if source.is_store or _is_wanted(packed, source, census):
-            kept.append(packed)
+        if isinstance(record, BadRecord):
+            bad.append(record)
+        elif _is_wanted(record, source, census):
+            kept.append(record)
         if limit is not None and len(kept) >= limit:
             break
     if not kept:
         raise SourceError(_none_wanted(source, census, bad))
-    return kept
+    return len(kept), {number: kept[number] for number in share(len(kept))}
+
+
+def _of_store(
+    source: Source,
+    share: Callable[[int], Iterable[int]],
+    tick: Callable[[int], None],
+) -> tuple[int, dict[int, Packed]]:
+    wanted = wanted_numbers(source)
+    if not wanted:
+        raise SourceError(_none_wanted(source, Census(source.split, source.query), []))
+    records: Any = store.Records(pathlib.Path(source.path))
+    own = sorted(set(share(len(wanted))))
+    numbers: Any = [wanted[number] for number in own]
+    dataset = grain.MapDataset.source(numbers).map(records.__getitem__)
+    kept = {}
+    for number, packed in zip(own, dataset.to_iter_dataset(), strict=True):
+        kept[number] = packed
+        tick(len(kept))
+    return len(wanted), kept
 
 
 def _none_wanted(source: Source, census: Census, bad: list[BadRecord]) -> str:
@@ -147,19 +193,3 @@ def count(source: Source) -> int | None:
     if all(isinstance(item, range) for item in items):
         return sum(len(item) for item in items if isinstance(item, range))
     return None
-
-
-def _open(source: Source, bad: list[BadRecord], num_workers: int) -> Iterator[Packed]:
-    """Returns wanted scenarios; bad records join the list on the way."""
-    if source.is_store:
-        records: Any = store.Records(pathlib.Path(source.path))
-        numbers: Any = wanted_numbers(source)
-        dataset = grain.MapDataset.source(numbers).map(records.__getitem__)
-        yield from dataset.to_iter_dataset()
-        return
-    config = PackConfig(quantize=source.quantize)
-    for record in all_records(inputs_of(source.path), config, num_workers):
-        if isinstance(record, BadRecord):
-            bad.append(record)
-        else:
-            yield record

@@ -91,11 +91,12 @@ class Stream:
             SourceError: if the store holds fewer scenarios than are to be resident.
         """
         per_page = _scenarios_per_page(source, config, num_devices)
-        numbers = _numbers(source, config, part)
+        wanted = wanted_numbers(source)
+        numbers = _own(wanted, source, config, part)
         path = pathlib.Path(source.path)
         entries = store.entries(path)
-        self.layout = Layout.of(
-            [entries[number] for number in numbers],
+        self.layout = Layout.of(  # the same in all processes
+            [entries[number] for number in wanted],
             max_objects,
             config.pages,
             per_page,
@@ -209,9 +210,11 @@ def _scenarios_per_page(source: Source, config: StreamConfig, num_devices: int) 
     return resident // num_places
 
 
-def _numbers(source: Source, config: StreamConfig, part: Part) -> list[int]:
+def _own(
+    wanted: list[int], source: Source, config: StreamConfig, part: Part
+) -> list[int]:
     """Returns the numbers of the records that a process draws."""
-    numbers = wanted_numbers(source)[part.process :: part.num_processes]
+    numbers = wanted[part.process :: part.num_processes]
     if len(numbers) < (config.resident or 0):
         raise SourceError(
             f"'{source.path}' has {len(numbers)} scenarios of those wanted, fewer than "

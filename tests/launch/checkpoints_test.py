@@ -16,7 +16,7 @@ def run(tmp_path: pathlib.Path) -> pathlib.Path:
     (folder / "config.yaml").write_text("")
     checkpoints = Checkpoints(folder / "checkpoints")
     for step in (2_000, 4_000):
-        checkpoints.save(step, {"a": jnp.arange(3)}, {"devices": 8})
+        checkpoints.save(step, {"a": jnp.arange(3)}, {"layout": {"devices": 8}})
     (folder / "checkpoints" / "6000").mkdir()
     (folder / "checkpoints" / "1000.damaged").mkdir()
     return folder

@@ -32,13 +32,14 @@ def opened(source: Source, saved: Mapping[str, Any] | None = None) -> feeds.Feed
 
 def kept(feed: feeds.Feed) -> Mapping[str, Any]:
     """Returns what a checkpoint keeps of a feed."""
-    found = {**feed.identity, "devices": 1, "feed": feed.state()}
+    found = {**feed.identity, "layout": feed.layout, "feed": feed.state()}
     return json.loads(json.dumps(found))
 
 
 def held(feed: feeds.Feed) -> set[int]:
     """Returns the numbers of the scenarios in the bank."""
-    return {n for page in feed.state()["held"] for own in page for n in own}
+    (state,) = feed.state()["of_processes"]
+    return {n for page in state["held"] for own in page for n in own}
 
 
 @pytest.fixture
@@ -84,24 +85,25 @@ def test_a_feed_that_goes_on_fills_the_bank_once(source, fills):
     resumed = opened(source, saved)
     resumed.restore(saved["feed"])
 
-    assert fills == [saved["feed"]]
+    assert fills == saved["feed"]["of_processes"]
     for feed in (whole, resumed):
         feed.close()
 
 
 def test_what_another_feed_kept_is_not_looked_at(source, fills):
-    feed = opened(source, {"scenarios": "others", "devices": 1, "feed": {"held": 3}})
+    feed = opened(source, {"scenarios": "others", "layout": {}, "feed": {"held": 3}})
 
     assert fills == [None]
     feed.close()
 
 
 def test_processes_draw_from_shares_of_their_own(source, monkeypatch):
-    monkeypatch.setattr(feeds.jax, "process_count", lambda: 2)
     drawn = []
     for process in range(2):
-        monkeypatch.setattr(feeds.jax, "process_index", lambda p=process: p)
-        feed = opened(source)
+        with monkeypatch.context() as job:
+            job.setattr(feeds.jax, "process_count", lambda: 2)
+            job.setattr(feeds.jax, "process_index", lambda p=process: p)
+            feed = opened(source)
         drawn.append(held(feed))
         feed.close()
 

@@ -129,6 +129,20 @@ def test_progress_counts_scenarios_and_knows_a_total(folder, tmp_path):
     assert calls == [(1, 2), (2, 2), (1, 2), (2, 2), (1, None), (2, None)]
 
 
+def test_a_share_is_what_all_has_under_its_numbers(folder, tmp_path):
+    prepare.prepare(sorted(folder.glob("*.json")), tmp_path / "s", PackConfig())
+    for path in ("synthetic:0:4", str(tmp_path / "s"), str(folder / "*.json")):
+        source = Source(path=path)
+        every = loader.load(source)
+        asked = []
+        count, own = loader.load_share(
+            source, lambda count, asked=asked: asked.append(count) or [3, 1]
+        )
+        assert asked == [count] == [len(every)]
+        assert set(own) == {1, 3}
+        assert same([own[1], own[3]], [every[1], every[3]])
+
+
 @pytest.mark.parametrize(
     "text",
     [
