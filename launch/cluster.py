@@ -13,7 +13,8 @@ PROCESS = "DRIVETRAIN_PROCESS"  # which this is, from 0 on
 DEVICES = "DRIVETRAIN_DEVICES"  # of each process, where several share a machine
 PULSE = "DRIVETRAIN_PULSE"  # a file to touch as long as the process is well
 PULSE_SECONDS = 1.0
-HEARTBEAT_SECONDS = 20  # after which JAX takes a silent process for lost
+HEARTBEAT_SECONDS = 25  # after which JAX takes a silent process for lost
+SHUTDOWN_SECONDS = 15  # for which a process that ends waits for the others
 
 
 def join() -> None:
@@ -41,9 +42,13 @@ def join() -> None:
             process_id=number,
             local_device_ids=local,
             heartbeat_timeout_seconds=HEARTBEAT_SECONDS,
+            shutdown_timeout_seconds=SHUTDOWN_SECONDS,
         )
     elif _is_scheduled():
-        jax.distributed.initialize(heartbeat_timeout_seconds=HEARTBEAT_SECONDS)
+        jax.distributed.initialize(
+            heartbeat_timeout_seconds=HEARTBEAT_SECONDS,
+            shutdown_timeout_seconds=SHUTDOWN_SECONDS,
+        )
         os.environ[PROCESS] = str(jax.process_index())
 
 

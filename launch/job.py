@@ -14,12 +14,14 @@ from collections.abc import Iterator, Sequence
 
 from rich import console as rich_console
 
+from ..sim import ranges
 from . import cluster, interrupts
 
-STALL_SECONDS = 20.0  # without a pulse, after which a process counts as stalled
+STALL_SECONDS = 10.0  # without a pulse, after which a process counts as stalled
 START_SECONDS = 60.0  # until the first pulse: importing takes its time
 POLL_SECONDS = 0.2
 SAID_WHY = (interrupts.AGAIN, 2, 130)  # exit codes of who has said why it ended
+LAST_WORDS = 2_000  # characters of what a process that failed has said
 RUN = "from drivetrain.launch.cli import main; main()"
 
 
@@ -37,23 +39,25 @@ class JobConfig:
         Raises:
             ValueError: if one is out of range.
         """
-        if self.processes < 1:
-            raise ValueError(f"processes must be at least 1, got {self.processes}.")
-        if self.devices_per_process is not None and self.devices_per_process < 1:
-            raise ValueError(
-                f"devices-per-process must be at least 1, got "
-                f"{self.devices_per_process}."
-            )
-        if self.restarts < 0:
-            raise ValueError(f"restarts must be at least 0, got {self.restarts}.")
+        ranges.require_at_least(self, processes=1, restarts=0)
+        if self.devices_per_process is not None:
+            ranges.require_at_least(self, devices_per_process=1)
 
 
 @dataclasses.dataclass(frozen=True)
-class Ended:
-    """How a job ended: the exit code for all, and what to tell, if anything."""
+class _Child:
+    """One of the processes."""
 
-    code: int
-    told: str = ""
+    number: int
+    process: subprocess.Popen[bytes]
+    pulse: pathlib.Path
+    words: pathlib.Path | None  # what it says on standard error; None: it is shown
+
+    def last_words(self) -> str:
+        """Returns the end of what it has said, if nobody has seen it."""
+        if self.words is None:
+            return ""
+        return self.words.read_text(errors="replace")[-LAST_WORDS:].strip()
 
 
 def run(words: Sequence[str], config: JobConfig) -> int:
@@ -69,33 +73,37 @@ def run(words: Sequence[str], config: JobConfig) -> int:
     Returns:
         The exit code.
     """
-    say = rich_console.Console(stderr=True, highlight=False, markup=False).print
     restarts = 0
     while True:
-        ended = _once(words, config)
-        if ended.told:
-            say(f"drivetrain: {ended.told}", soft_wrap=True)
-        if ended.code in (0, *SAID_WHY) or restarts == config.restarts:
-            return ended.code
+        code, told = _once(words, config)
+        if told:
+            _say(told)
+        if code in (0, *SAID_WHY) or restarts == config.restarts:
+            return code
         restarts += 1
-        say(f"drivetrain: starting again, {restarts} of {config.restarts} times")
+        _say(f"starting again, {restarts} of {config.restarts} times")
 
 
-def _once(words: Sequence[str], config: JobConfig) -> Ended:
+def _say(line: str) -> None:
+    console = rich_console.Console(stderr=True, highlight=False, markup=False)
+    console.print(f"drivetrain: {line}", soft_wrap=True)
+
+
+def _once(words: Sequence[str], config: JobConfig) -> tuple[int, str]:
+    """Runs the processes; returns the exit code for all, and what to tell."""
+    address = f"localhost:{_free_port()}"
     with tempfile.TemporaryDirectory(prefix="drivetrain-") as folder:
-        pulses = [pathlib.Path(folder) / str(i) for i in range(config.processes)]
-        address = f"localhost:{_free_port()}"
         children = [
-            _start(words, config, number, address, pulse)
-            for number, pulse in enumerate(pulses)
+            _start(words, config, number, address, pathlib.Path(folder))
+            for number in range(config.processes)
         ]
         try:
             with _passed_on(children):
-                return _watch(children, pulses)
+                return _watch(children)
         finally:
             for child in children:
-                child.kill()
-                child.wait()
+                child.process.kill()
+                child.process.wait()
 
 
 def _start(
@@ -103,8 +111,9 @@ def _start(
     config: JobConfig,
     number: int,
     address: str,
-    pulse: pathlib.Path,
-) -> subprocess.Popen[bytes]:
+    folder: pathlib.Path,
+) -> _Child:
+    pulse, spoken = folder / f"pulse-{number}", folder / f"words-{number}"
     own = {
         cluster.COORDINATOR: address,
         cluster.PROCESSES: str(config.processes),
@@ -113,36 +122,40 @@ def _start(
     }
     if config.devices_per_process is not None:
         own[cluster.DEVICES] = str(config.devices_per_process)
-    # In a session of its own: Ctrl-C reaches it through this process alone.
-    return subprocess.Popen(
-        [sys.executable, "-c", RUN, *words],
-        env=os.environ | own,
-        start_new_session=True,
-    )
+    with spoken.open("wb") as file:
+        process = subprocess.Popen(
+            [sys.executable, "-c", RUN, *words],
+            env=os.environ | own,
+            stdout=None if number == 0 else subprocess.DEVNULL,
+            stderr=None if number == 0 else file,
+            start_new_session=True,  # so that Ctrl-C reaches it only from here
+        )
+    return _Child(number, process, pulse, None if number == 0 else spoken)
 
 
-def _watch(
-    children: Sequence[subprocess.Popen[bytes]], pulses: Sequence[pathlib.Path]
-) -> Ended:
+def _watch(children: Sequence[_Child]) -> tuple[int, str]:
     """Waits until all have ended, or one that must not."""
     began = time.time()
     while True:
-        codes = [child.poll() for child in children]
-        for number, code in enumerate(codes):
-            of = f"process {number} of {len(children)}"
-            if code is None and _is_stalled(pulses[number], began):
-                return Ended(1, f"{of} has stalled; all are ended")
-            if code is not None and code < 0:
-                name = signal.Signals(-code).name
-                return Ended(1, f"{of} was killed by {name}; all are ended")
-            if code not in (None, 0, *SAID_WHY):
-                return Ended(1, f"{of} failed with exit code {code}; all are ended")
+        codes = [child.process.poll() for child in children]
+        for child, code in zip(children, codes, strict=True):
+            wrong = _wrong(child, code, began)
+            if wrong:
+                told = f"process {child.number} of {len(children)} {wrong}; all end"
+                return 1, "\n".join([told, child.last_words()]).strip()
         ended = [code for code in codes if code is not None]
-        if any(ended) and (2 in ended or len(ended) == len(codes)):
-            return Ended(max(ended))
-        if len(ended) == len(codes):
-            return Ended(0)
+        if 2 in ended or len(ended) == len(codes):
+            return max(ended), ""
         time.sleep(POLL_SECONDS)
+
+
+def _wrong(child: _Child, code: int | None, began: float) -> str | None:
+    """Says what is wrong with a process that goes on, or has ended with a code."""
+    if code is None:
+        return "has stalled" if _is_stalled(child.pulse, began) else None
+    if code < 0:
+        return f"was killed by {signal.Signals(-code).name}"
+    return None if code in (0, *SAID_WHY) else f"failed with exit code {code}"
 
 
 def _is_stalled(pulse: pathlib.Path, began: float) -> bool:
@@ -154,13 +167,13 @@ def _is_stalled(pulse: pathlib.Path, began: float) -> bool:
 
 
 @contextlib.contextmanager
-def _passed_on(children: Sequence[subprocess.Popen[bytes]]) -> Iterator[None]:
+def _passed_on(children: Sequence[_Child]) -> Iterator[None]:
     """Passes Ctrl-C and SIGTERM on to processes."""
 
     def pass_on(number: int, frame: object) -> None:
         for child in children:
-            if child.poll() is None:
-                child.send_signal(number)
+            if child.process.poll() is None:
+                child.process.send_signal(number)
 
     numbers = (signal.SIGINT, signal.SIGTERM)
     before = {number: signal.signal(number, pass_on) for number in numbers}
