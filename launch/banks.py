@@ -5,6 +5,7 @@ import os
 from collections.abc import Callable, Mapping
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh
 
@@ -107,6 +108,7 @@ def _evened(bank: Bank) -> Bank:
 def describe(loaded: Loaded) -> str:
     """Returns a line about the bank: its scenarios, bytes, and what was left out."""
     num_bytes, count = banks.total_bytes(loaded.bank), loaded.num_scenarios
+    held = int(jnp.sum(loaded.bank.num_scenarios))
     cap = loaded.bank.sizes.num_objects
     is_capped = np.zeros(count, np.int32)
     for number, scenario in loaded.scenarios.items():
@@ -114,8 +116,10 @@ def describe(loaded: Loaded) -> str:
     capped = int(meshes.largest(is_capped).sum())
     line = (
         f"{count:,} scenarios on {loaded.num_devices} device(s), "
-        f"{num_bytes / 1e6:,.1f} MB ({num_bytes / count / 1e3:,.1f} KB each)"
+        f"{num_bytes / 1e6:,.1f} MB ({num_bytes / held / 1e3:,.1f} KB each)"
     )
+    if held > count:
+        line += f"; held {held / count:g} times, for as many in each of the strata"
     if capped:
         line += (
             f"; {capped} have more than {cap} objects, the least relevant are left out "

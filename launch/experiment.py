@@ -12,6 +12,7 @@ from jaxtyping import Array, Key
 from ..agents import build as agents
 from ..agents.base import Agent
 from ..learners import actors, build as learners, opponents, seeds
+from ..learners.apg import AnalyticConfig
 from ..learners.base import Learner, Program
 from ..learners.bc import CloningConfig, Draw
 from ..learners.forecasting import ForecastConfig
@@ -84,12 +85,7 @@ class Experiment:
                     f"{whole} must be a multiple of {part}, got {getattr(self, whole)} "
                     f"and {getattr(self, part)}."
                 )
-        per_page = self.stream.updates_per_page
-        if self.stream.resident is not None and per_page % self.updates_per_call:
-            raise ValueError(
-                "stream.updates_per_page must be a multiple of updates_per_call, got "
-                f"{per_page} and {self.updates_per_call}."
-            )
+        self._check_stream()
         if self.monitor is not None and self.monitor.every % self.updates_per_call:
             raise ValueError(
                 "monitor.every must be a multiple of updates_per_call, got "
@@ -103,17 +99,45 @@ class Experiment:
                 f"after {decay / steps:,.0f} of {self.updates:,} updates nothing more "
                 f"would be learned; set it to {math.ceil(self.updates * steps)}."
             )
-        shaping = self.task.shaping
-        discount = getattr(self.learner, "discount", None)
-        if shaping is not None and discount not in (None, shaping.discount):
-            raise ValueError(
-                "task.shaping.discount must be learner.discount, or other policies "
-                f"become the best, got {shaping.discount} and {discount}."
-            )
+        self._check_discounts()
         if not 0 <= self.seed <= 2**32 - self.seeds:
             raise ValueError(
                 f"seed must be from 0 to 2^32 - seeds, got {self.seed} and "
                 f"{self.seeds}."
+            )
+
+    def _check_stream(self) -> None:
+        """Refuses streams that would not go as the config says."""
+        if self.stream.resident is None:
+            return
+        per_page = self.stream.updates_per_page
+        if per_page % self.updates_per_call:
+            raise ValueError(
+                "stream.updates_per_page must be a multiple of updates_per_call, got "
+                f"{per_page} and {self.updates_per_call}."
+            )
+        if not isinstance(self.learner, CloningConfig | ForecastConfig):
+            raise ValueError(
+                f"{self.learner.name} plays on while pages are exchanged, and would "
+                "find itself in the middle of another scenario; stream for bc and "
+                "wayformer, or leave stream.resident out."
+            )
+
+    def _check_discounts(self) -> None:
+        """Refuses discounts under which other policies than meant become the best."""
+        shaping, settled = self.task.shaping, getattr(self.task, "settled_at", ())
+        is_slope = isinstance(self.learner, AnalyticConfig)  # which adds up all rewards
+        discount = 1.0 if is_slope else getattr(self.learner, "discount", None)
+        if shaping is not None and discount not in (None, shaping.discount):
+            what = "1 for apg" if is_slope else "learner.discount"
+            raise ValueError(
+                f"task.shaping.discount must be {what}, or other policies become the "
+                f"best, got {shaping.discount} and {discount}."
+            )
+        if settled and is_slope:
+            raise ValueError(
+                "apg adds up the rewards of whole episodes, so nothing settles one; "
+                "leave task.settled_at out."
             )
 
     def _check_opponents(self) -> None:

@@ -103,11 +103,10 @@ class ProgressLine:
         now, done = self._recent[-1]
         rate = (done - before) / (now - then) if now > then else 0.0
         of_total = "" if self._total is None else f" of {self._total:,}"
-        parts = [
-            f"{done:,}{of_total} {self._unit}",
-            _rate(rate),
-        ]
-        if self._total is not None and is_known and rate > 0:
+        parts = [f"{done:,}{of_total} {self._unit}"]
+        if is_known or self._total is None:
+            parts.append(_rate(rate))
+        if is_known and self._total is not None and rate > 0:
             parts.append(f"{duration((self._total - done) / rate)} left")
         return ", ".join([*parts, note] if note else parts)
 

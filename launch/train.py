@@ -59,11 +59,11 @@ def train(
     """
     _check_folder(folder, experiment)
     files.require_writable(folder)
-    if experiment.pretrained is not None:
+    checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
+    if experiment.pretrained is not None and not checkpoints.steps():
         load_run(pathlib.Path(experiment.pretrained))
     env = environment(experiment)  # before data are loaded: it knows wrong names
     mesh = meshes.data_mesh()
-    checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
     feed = feeds.open_feed(
         experiment.source,
         experiment.stream,

@@ -48,7 +48,7 @@ class Step(Record):
     action: Action
     note: PyTree  # what the learner remembers of the choice
     reward: Float[Array, "*actors"]
-    discount: Float[Array, "*actors"]  # 0 where nothing that follows counts
+    discount: Float[Array, "*actors"]  # of what follows; 0 where it counts no more
     mask: Bool[Array, "*actors"]
     ended: Bool[Array, ""]  # the episode ended with this step
     measures: dict[str, Measure]

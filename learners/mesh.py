@@ -1,7 +1,6 @@
 """Lays out devices in one row, and arrays over them."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.experimental import multihost_utils
 from jax.sharding import AxisType, Mesh, NamedSharding, PartitionSpec
@@ -53,14 +52,8 @@ def gathered(text: str) -> list[str]:
 def replicate(mesh: Mesh, tree: PyTree[Array | np.ndarray]) -> PyTree[Array]:
     """Puts a copy of every array, the same in all processes, on each device."""
     everywhere = NamedSharding(mesh, PartitionSpec())
-
-    def put(leaf: Array | np.ndarray) -> Array:
-        if not jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key):
-            return jax.device_put(np.array(leaf), everywhere)
-        bits = jax.device_put(np.asarray(jax.random.key_data(leaf)), everywhere)
-        return jax.random.wrap_key_data(bits, impl=jax.random.key_impl(leaf))
-
-    return jax.tree.map(put, tree)
+    # By a program: device_put does not reach the devices of other processes with keys.
+    return jax.jit(lambda tree: tree, out_shardings=everywhere)(tree)
 
 
 def shard(mesh: Mesh, tree: PyTree[Array | np.ndarray]) -> PyTree[Array]:

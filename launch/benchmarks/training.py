@@ -1,5 +1,6 @@
 """Measures an iteration of each learner, and what acting and learning cost apart."""
 
+import dataclasses
 import functools
 import statistics
 import time
@@ -36,6 +37,8 @@ def measure_cell(
     disturbs all of them.
     """
     experiment, mesh = experiments[cell.env](cell.batch), meshes.data_mesh()
+    task = dataclasses.replace(experiment.task, sim_agent=settings.sim_agent)
+    experiment = dataclasses.replace(experiment, task=task)
     sizes = banks.Sizes.of(scenes.scenarios, cell.objects)
     count, num_strata = len(scenes.scenarios), experiment.learner.strata
     dealt = dealing.by_stratum(count, mesh.size, num_strata)

@@ -14,7 +14,8 @@ class Stratum(Record):
 
     Of L strata, number s has the scenarios whose number is s modulo L, and each of D
     devices has L / D strata in a row, of each one scenario in turn
-    (`dealing.by_stratum`). Who draws from a stratum draws the same ones whatever D is.
+    (`dealing.by_stratum`). Who draws from a stratum draws the same ones whatever D is,
+    but for streams, of which each device has pages of its own.
     """
 
     first: Int[Array, ""]  # among the scenarios of the device

@@ -44,7 +44,7 @@ class PlanningConfig:
     reward: RewardConfig = "sparse"
     shaping: ShapingConfig | None = None
     starts: StartConfig = field(default_factory=StartConfig)
-    settled_at: tuple[str, ...] = ()  # metrics after which nothing more counts
+    settled_at: tuple[str, ...] = ()  # metrics that settle what came before
 
     def __post_init__(self) -> None:
         """Checks the names, and the ranges of shaping.

@@ -13,10 +13,12 @@ from drivetrain.agents.encoders.flat import FlatConfig
 from drivetrain.launch import config
 from drivetrain.launch.experiment import Experiment, agent, environment, keys, learner
 from drivetrain.learners import mesh as meshes, program
+from drivetrain.learners.apg import AnalyticConfig
 from drivetrain.learners.bc import CloningConfig
 from drivetrain.learners.dqn import DQNConfig
 from drivetrain.learners.opponents import OpponentsConfig
 from drivetrain.learners.ppo import PPOConfig
+from drivetrain.sim.data.stream import StreamConfig
 from drivetrain.sim.env.build import PlanningConfig, SelfPlayConfig, ShapingConfig
 from tests import worlds
 
@@ -119,3 +121,16 @@ def test_shaping_has_the_discount_of_the_learner() -> None:
     assert Experiment(data="none", task=task, learner=PPOConfig(discount=0.9))
     with pytest.raises(ValueError, match=r"got 0\.9 and 0\.5"):
         Experiment(data="none", task=task, learner=PPOConfig(discount=0.5))
+    with pytest.raises(ValueError, match=r"must be 1 for apg.*got 0\.9 and 1\.0"):
+        Experiment(data="none", task=task, learner=AnalyticConfig())
+
+
+def test_what_a_learner_cannot_do_is_refused() -> None:
+    settled = PlanningConfig(settled_at=("collision",))
+    assert Experiment(data="none", task=settled, learner=PPOConfig())
+    with pytest.raises(ValueError, match="nothing settles one"):
+        Experiment(data="none", task=settled, learner=AnalyticConfig())
+    stream = StreamConfig(resident=8)
+    assert Experiment(data="none", stream=stream)
+    with pytest.raises(ValueError, match="ppo plays on while pages are exchanged"):
+        Experiment(data="none", stream=stream, learner=PPOConfig())

@@ -78,7 +78,7 @@ def test_the_first_step_foretells_no_time() -> None:
             clock.now += 1
             line.update(done)
     assert out.getvalue().splitlines()[:2] == [
-        "training: 1 of 100 steps, 1.0/min",
+        "training: 1 of 100 steps",
         "training: 6 of 100 steps, 1.0/s, 1 min 34 s left",
     ]
 

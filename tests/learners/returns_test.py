@@ -16,20 +16,21 @@ GAMMA, DECAY = 0.9, 0.8
 
 
 def course(seed: int) -> tuple[Course, np.ndarray]:
-    """Draws episodes that terminate or are cut, one after another, and ratios."""
+    """Draws episodes that terminate, are settled or are cut, and ratios."""
     rng = np.random.default_rng(seed)
     ended = rng.random(NUM_STEPS) < 0.2
     ended[1:] &= ~ended[:-1]
     shown = np.append(False, ended[:-1])
     terminated = ended & (rng.random(NUM_STEPS) < 0.5)
+    settled = ~ended & (rng.random(NUM_STEPS) < 0.2)
     mask = ~shown
     found = Course(
         reward=jnp.float32(np.where(mask, rng.normal(size=NUM_STEPS), 0)),
-        discount=jnp.float32(GAMMA * ~terminated),
+        discount=jnp.float32(GAMMA * ~(terminated | settled)),
         value=jnp.float32(rng.normal(size=NUM_STEPS + 1)),
         mask=jnp.array(mask),
     )
-    assert terminated.any() and (ended & ~terminated).any()
+    assert terminated.any() and settled.any() and (ended & ~terminated).any()
     return found, np.exp(rng.normal(size=NUM_STEPS, scale=0.5)).astype(np.float32)
 
 

@@ -65,7 +65,8 @@ def test_transitions_equal_those_of_a_plain_loop(num_steps: int) -> None:
     ended = rng.random(total) < 0.2
     ended[1:] &= ~ended[:-1]
     mask = np.append(True, ~ended[:-1])
-    discount = np.where(ended & (rng.random(total) < 0.5), 0.0, 1.0)
+    # 0 where an episode is terminated, and where it goes on but is settled.
+    discount = np.where(rng.random(total) < np.where(ended, 0.5, 0.2), 0.0, 1.0)
     reward = np.where(mask, rng.normal(size=total), 0.0)
     steps = steps_of(reward, discount, ended, mask)
     cut_all = functools.partial(transitions, num_steps=num_steps, discount=gamma)

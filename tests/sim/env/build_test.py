@@ -47,6 +47,17 @@ def test_what_settles_the_past_has_no_discount_and_ends_nothing(settled_at) -> N
     assert on_road.discount == 1
 
 
+def test_shaping_takes_all_back_where_the_past_is_settled() -> None:
+    shaping = ShapingConfig(towards="log", weight=0.5, discount=0.9)
+    config = PlanningConfig(settled_at=("offroad",), shaping=shaping)
+    _, plain = stepped(PlanningConfig(), 900.0)
+    _, shaped = stepped(config, 900.0)
+    # It starts where the log is: there is nothing to take back, nor to pay for.
+    np.testing.assert_allclose(shaped.reward, plain.reward, atol=1e-3)
+    config = PlanningConfig(settled_at=("collision",), shaping=shaping)
+    assert stepped(config, 900.0)[1].reward < plain.reward - 0.5 * 0.9 * 800
+
+
 def test_smooth_costs_are_measured_where_a_reward_asks_for_them() -> None:
     weights = {"smooth_offroad": -0.5, "log_displacement": -1.0}
     _, timestep = stepped(PlanningConfig(reward=weights), 20.0)
