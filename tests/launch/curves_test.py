@@ -9,6 +9,7 @@ from matplotlib import image
 from drivetrain.launch import config, curves, logbook
 from drivetrain.launch.experiment import Experiment
 from drivetrain.launch.train import CHECKPOINTS, CONFIG
+from drivetrain.learners import checksums
 from drivetrain.learners.bc import CloningConfig
 
 BATCH = 16
@@ -21,6 +22,7 @@ def run_of(tmp_path: pathlib.Path):
     def make(name: str, seeds: int, lines: list[dict[str, float]]) -> pathlib.Path:
         folder = tmp_path / name
         (folder / CHECKPOINTS / "4").mkdir(parents=True)
+        checksums.write(folder / CHECKPOINTS / "4")
         learner = CloningConfig(batch_size=BATCH)
         experiment = Experiment(data="none", seeds=seeds, learner=learner)
         (folder / CONFIG).write_text(config.to_yaml(experiment), encoding="utf-8")
