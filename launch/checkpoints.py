@@ -57,7 +57,8 @@ def verify(run: Run, /) -> None:
         run: the folder of the run.
     """
     checkpoints = _of(run)
-    steps, wrong = checkpoints.steps(), []
+    steps = [int(path.name) for path in checkpoints.folders() if path.suffix == ""]
+    wrong = []
     with progress("verifying", len(steps), unit="checkpoints") as line:
         for done, step in enumerate(steps, start=1):
             damage = checkpoints.damage(step)
@@ -67,7 +68,12 @@ def verify(run: Run, /) -> None:
     if wrong:
         raise ValueError(
             f"{len(wrong)} of the {len(steps)} checkpoints of '{run}' are damaged: "
-            f"{', '.join(wrong)}; 'drivetrain train' goes on from the newest other"
+            f"{', '.join(wrong)}; "
+            + (
+                "bring one back from a copy, or train into another folder with --out"
+                if len(wrong) == len(steps)
+                else "'drivetrain train' goes on from the newest other"
+            )
         )
 
 
@@ -76,7 +82,12 @@ def _of(run: pathlib.Path) -> Checkpoints:
         raise FileNotFoundError(
             f"'{run}' is no run: {CONFIG} is missing; make one with 'drivetrain train'"
         )
-    return Checkpoints(run / CHECKPOINTS)
+    checkpoints = Checkpoints(run / CHECKPOINTS)
+    if not checkpoints.folders():
+        raise FileNotFoundError(
+            f"'{run}' has no checkpoint yet; continue it with 'drivetrain train'"
+        )
+    return checkpoints
 
 
 def _num_bytes(folder: pathlib.Path) -> int:

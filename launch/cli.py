@@ -212,6 +212,12 @@ def main() -> None:
             raise
         print(f"drivetrain: {_sentence(error)}", file=sys.stderr)
         sys.exit(2)
+    except jax.errors.JaxRuntimeError as error:
+        if cluster.PROCESSES not in os.environ or os.environ.get("DRIVETRAIN_DEBUG"):
+            raise
+        # Most likely another process is gone: whoever watches over all says which.
+        print(f"drivetrain: {str(error).splitlines()[0]}", file=sys.stderr)
+        sys.exit(cluster.LOST)
     except KeyboardInterrupt as stopped:
         print(
             "drivetrain: stopped; when run again, prepare goes on from its last shard, "

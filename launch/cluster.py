@@ -13,6 +13,7 @@ PROCESS = "DRIVETRAIN_PROCESS"  # which this is, from 0 on
 DEVICES = "DRIVETRAIN_DEVICES"  # of each process, where several share a machine
 PULSE = "DRIVETRAIN_PULSE"  # a file to touch as long as the process is well
 PULSE_SECONDS = 1.0
+LOST = 69  # exit code of who has lost the others: BSD's EX_UNAVAILABLE
 HEARTBEAT_SECONDS = 25  # after which JAX takes a silent process for lost
 SHUTDOWN_SECONDS = 15  # for which a process that ends waits for the others
 

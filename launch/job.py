@@ -138,7 +138,10 @@ def _watch(children: Sequence[_Child]) -> tuple[int, str]:
     began = time.time()
     while True:
         codes = [child.process.poll() for child in children]
-        for child, code in zip(children, codes, strict=True):
+        # First those that did not only lose another one.
+        for child, code in sorted(
+            zip(children, codes, strict=True), key=lambda pair: pair[1] == cluster.LOST
+        ):
             wrong = _wrong(child, code, began)
             if wrong:
                 told = f"process {child.number} of {len(children)} {wrong}; all end"

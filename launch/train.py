@@ -170,8 +170,8 @@ def _resume(restored: checkpoint.Restored, fresh: TrainState, feed: Feed) -> Tra
         feed.restore(restored.metadata["feed"])
         return restored.tree
     state, told = feed.redeal(restored.tree, fresh, before)
-    changes = [f"{now[name]} {name}, before {before.get(name)}" for name in now]
-    _say(f"dealt anew to {', '.join(changes)}: {told}")
+    changes = [f"{name} {now[name]}, before {before.get(name)}" for name in now]
+    _say(f"dealt anew ({'; '.join(changes)}): {told}")
     return state
 
 

@@ -90,7 +90,8 @@ class Checkpoints:
 
         A save under way is waited for; if it fails, a warning says so, and this one is
         the next try. Steps that `restore` found damaged are renamed to `STEP.damaged`,
-        so that they do not stand before what is saved now.
+        those without hashes to `STEP.unfinished`, so that they do not stand before what
+        is saved now.
 
         Args:
             step: after every step saved before.
@@ -195,7 +196,10 @@ class Checkpoints:
         step = self._newest_undamaged() if meshes.is_first() else NONE
         step = int(meshes.largest(np.array(step)))  # the others say NONE
         if step == NONE:
-            raise FileNotFoundError(f"no undamaged checkpoint in {self._directory}.")
+            raise FileNotFoundError(
+                f"no undamaged checkpoint in {self._directory}; bring one back from a "
+                "copy, or train into another folder with --out"
+            )
         folder = self._folder(step)
         tree = _read(folder, like, prefix)
         return Restored(step=step, tree=tree, metadata=_metadata(folder))
@@ -242,7 +246,7 @@ class Checkpoints:
             ) from error
 
     def _make_way(self) -> None:
-        """Sets damaged steps aside, and deletes what cut saves have left."""
+        """Sets aside what is not as it was saved, and deletes what cut saves left."""
         self._directory.mkdir(parents=True, exist_ok=True)
         for damaged in sorted(self._damaged):
             aside = self._directory / f"{damaged}.damaged"
@@ -250,8 +254,15 @@ class Checkpoints:
             self._folder(damaged).rename(aside)
             checksums.remove(self._folder(damaged))
         self._damaged.clear()
-        for unfinished in set(self._whole()) - set(self.steps()):
-            self._delete(unfinished)
+        for unfinished in sorted(set(self._whole()) - set(self.steps())):
+            aside = self._directory / f"{unfinished}.unfinished"
+            shutil.rmtree(aside, ignore_errors=True)
+            self._folder(unfinished).rename(aside)
+            logger.warning(
+                "%s has no hashes beside it; set aside as %s.",
+                self._folder(unfinished),
+                aside.name,
+            )
         for unfinished in self._directory.glob("*.orbax-checkpoint-tmp*"):
             shutil.rmtree(unfinished)
 

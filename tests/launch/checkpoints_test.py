@@ -1,6 +1,7 @@
 """Tests that the checkpoints of a run are listed and checked."""
 
 import pathlib
+import shutil
 
 import jax.numpy as jnp
 import pytest
@@ -37,8 +38,13 @@ def test_they_are_listed_in_order_with_their_state(drivetrain, run, capsys) -> N
 
 
 def test_those_that_are_damaged_are_named(drivetrain, run, capsys) -> None:
+    assert drivetrain("checkpoint", "verify", "run") == 2
+    told = capsys.readouterr()
+    assert "4,000: as it was saved" in told.out
+    assert "6,000: its hashes cannot be read" in told.out
+    (run / "checkpoints" / "6000").rmdir()
     assert drivetrain("checkpoint", "verify", "run") == 0
-    assert "4,000: as it was saved" in capsys.readouterr().out
+    capsys.readouterr()
     with (run / "checkpoints" / "4000" / "commit_success.txt").open("a") as file:
         file.write("x")
     assert drivetrain("checkpoint", "verify", "run") == 2
@@ -46,6 +52,13 @@ def test_those_that_are_damaged_are_named(drivetrain, run, capsys) -> None:
     assert "2,000: as it was saved" in told.out
     assert "4,000: the hash of 4000/commit_success.txt differs" in told.out
     assert "1 of the 2 checkpoints of 'run' are damaged: 4,000" in told.err
+
+
+def test_a_run_without_checkpoints_is_told(drivetrain, run, capsys) -> None:
+    shutil.rmtree(run / "checkpoints")
+    for word in ("list", "verify"):
+        assert drivetrain("checkpoint", word, "run") == 2
+        assert "'run' has no checkpoint yet" in capsys.readouterr().err
 
 
 def test_a_folder_that_is_no_run_is_refused(drivetrain, run, capsys) -> None:

@@ -68,6 +68,29 @@ def test_one_that_fails_ends_all(program, capfd, last: str, told: str) -> None:
     assert told in error and "before the end" in error
 
 
+def test_who_has_lost_another_one_is_not_named(program, capfd) -> None:
+    program("""
+        if number == 0:
+            sys.exit(69)
+        os.kill(os.getpid(), signal.SIGKILL)
+    """)
+    # Both have ended when the first look comes.
+    job_start, started = job._start, []
+
+    def slow(*args):
+        child = job_start(*args)
+        started.append(child)
+        if len(started) == 2:
+            for each in started:
+                each.process.wait()
+        return child
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(job, "_start", slow)
+        assert job.run([], TWO) == 1
+    assert "process 1 of 2 was killed by SIGKILL" in capfd.readouterr().err
+
+
 def test_one_that_stalls_ends_all(
     program, capfd, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -49,5 +49,5 @@ def test_two_processes_train_as_one_and_one_goes_on_for_them(
     assert drivetrain("train", "flat.yaml", "--out", "both") == 0
     error = capfd.readouterr().err
     assert "continuing both at update 4" in error
-    assert "dealt anew to 1 devices, before 4: worlds go on" in error
+    assert "dealt anew (devices 1, before 4): worlds go on" in error
     assert_close(tmp_path / "both", tmp_path / "alone")

@@ -177,6 +177,7 @@ def test_a_step_without_hashes_is_none(tmp_path: pathlib.Path) -> None:
     assert checkpoints.restore(tree(0)).step == 1
     checkpoints.save(2, tree(5), {})
     assert_same(Checkpoints(tmp_path).restore(tree(0)).tree, tree(5))
+    assert (tmp_path / "2.unfinished").exists()  # nothing is lost
 
 
 def test_a_kill_while_saving_leaves_no_wrong_step(tmp_path: pathlib.Path) -> None:
