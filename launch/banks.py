@@ -1,6 +1,7 @@
 """Brings scenarios onto the devices, and says so."""
 
 import dataclasses
+import functools
 import os
 from collections.abc import Callable, Mapping
 
@@ -66,6 +67,7 @@ def load(
         raise ValueError(f"max_objects must be at least 1, got {max_objects}.")
     places = meshes.own_places(mesh)
 
+    @functools.cache
     def own(count: int) -> list[list[int]]:
         dealt = deal(count, mesh.size)
         return [dealt[place] for place in places]
@@ -78,7 +80,7 @@ def load(
             source, share, line.update, os.cpu_count() or 1
         )
     sizes = _agreed(banks.Sizes.of(list(scenarios.values()), max_objects))
-    bank = _evened(banks.build_shards(scenarios, sizes, own(count)))
+    bank = dealing.build_shards(scenarios, sizes, own(count), meshes.largest)
     return Loaded(
         bank=meshes.shard(mesh, bank), num_scenarios=count, scenarios=scenarios
     )
@@ -89,20 +91,6 @@ def _agreed(sizes: Sizes) -> Sizes:
     own = dataclasses.asdict(sizes)
     most = meshes.largest(np.array(list(own.values())))
     return Sizes(**dict(zip(own, most.tolist(), strict=True)))
-
-
-def _evened(bank: Bank) -> Bank:
-    """Pads the tables of a process so that they are as long in all of them."""
-    leaves, structure = jax.tree.flatten(bank)
-    lengths = np.array([leaf.shape[1] if leaf.ndim > 1 else 0 for leaf in leaves])
-    more = meshes.largest(lengths) - lengths
-    padded = [
-        np.pad(leaf, [(0, 0), (0, extra), *[(0, 0)] * (leaf.ndim - 2)])
-        if extra
-        else leaf
-        for leaf, extra in zip(leaves, more.tolist(), strict=True)
-    ]
-    return jax.tree.unflatten(structure, padded)
 
 
 def describe(loaded: Loaded) -> str:

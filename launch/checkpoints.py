@@ -9,7 +9,7 @@ from rich import console as rich_console, table as rich_table
 
 from ..learners.checkpoint import Checkpoints
 from .progress import progress
-from .train import CHECKPOINTS, CONFIG
+from .train import CHECKPOINTS, require_run
 
 Run = Annotated[pathlib.Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
 
@@ -78,10 +78,7 @@ def verify(run: Run, /) -> None:
 
 
 def _of(run: pathlib.Path) -> Checkpoints:
-    if not (run / CONFIG).is_file():
-        raise FileNotFoundError(
-            f"'{run}' is no run: {CONFIG} is missing; make one with 'drivetrain train'"
-        )
+    require_run(run)
     checkpoints = Checkpoints(run / CHECKPOINTS)
     if not checkpoints.folders():
         raise FileNotFoundError(

@@ -289,13 +289,22 @@ def load_run(folder: pathlib.Path) -> Experiment:
         FileNotFoundError: if the folder holds no run, or one without a checkpoint.
         ValueError: if its config is damaged.
     """
-    if not (folder / CONFIG).is_file():
-        raise FileNotFoundError(
-            f"'{folder}' is no run: {CONFIG} is missing; make one with 'drivetrain "
-            "train'"
-        )
+    require_run(folder)
     if not checkpoint.Checkpoints(folder / CHECKPOINTS).steps():
         raise FileNotFoundError(
             f"'{folder}' has no checkpoint yet; continue it with 'drivetrain train'"
         )
     return config.load(folder / CONFIG, Experiment)
+
+
+def require_run(folder: pathlib.Path) -> None:
+    """Checks that a folder is that of a run.
+
+    Raises:
+        FileNotFoundError: if it is not.
+    """
+    if not (folder / CONFIG).is_file():
+        raise FileNotFoundError(
+            f"'{folder}' is no run: {CONFIG} is missing; make one with 'drivetrain "
+            "train'"
+        )

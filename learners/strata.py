@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Int, Key, PyTree
 
+from ..sim.data import dealing
 from ..sim.data.stratum import Stratum
 from ..sim.env.base import State
 from ..sim.records import Record
@@ -31,13 +32,7 @@ def share(num_strata: int, axis_name: str) -> Share:
     Raises:
         ValueError: while it is traced, if the devices do not divide the strata.
     """
-    num_devices = jax.lax.axis_size(axis_name)
-    if num_strata % num_devices:
-        raise ValueError(
-            f"strata must be a multiple of the number of devices, got {num_strata} for "
-            f"{num_devices}; set learner.strata."
-        )
-    per_device = num_strata // num_devices
+    per_device = dealing.strata_of_each(num_strata, jax.lax.axis_size(axis_name))
     first = jnp.arange(per_device)
     return Share(
         number=jax.lax.axis_index(axis_name) * per_device + first,
@@ -86,7 +81,9 @@ def redeal(
         if not isinstance(tree, State):
             return tree
         num_strata = tree.index.shape[axis]
-        before, now = num_strata // num_before, num_strata // num_now
+        before, now = (
+            dealing.strata_of_each(num_strata, count) for count in (num_before, num_now)
+        )
         stratum = jnp.arange(num_strata).reshape(
             [-1 if i == axis else 1 for i in range(tree.index.ndim)]
         )

@@ -42,7 +42,7 @@ def measure_cell(
     sizes = banks.Sizes.of(scenes.scenarios, cell.objects)
     count, num_strata = len(scenes.scenarios), experiment.learner.strata
     dealt = dealing.by_stratum(count, mesh.size, num_strata)
-    bank = meshes.shard(mesh, banks.build_shards(scenes.scenarios, sizes, dealt))
+    bank = meshes.shard(mesh, dealing.build_shards(scenes.scenarios, sizes, dealt))
     env = environment(experiment)
     learns = learner(experiment, env, agent(experiment, env, one_shard(bank)))
     state = initial_state(learns, mesh, keys(experiment), bank)

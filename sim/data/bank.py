@@ -287,34 +287,6 @@ def total_bytes(bank: Bank) -> int:
     return sum(leaf.nbytes for leaf in jax.tree.leaves(bank))
 
 
-def build_shards(
-    scenarios: Sequence[Packed] | Mapping[int, Packed],
-    sizes: Sizes,
-    dealt: Sequence[Sequence[int]],
-) -> Bank:
-    """Builds a bank of each shard: every array gets a leading axis of shards.
-
-    Args:
-        scenarios: those that are dealt, by number.
-        sizes: into which they fit, but for capped objects.
-        dealt: the numbers of those of each shard, as `dealing` says.
-
-    Raises:
-        ValueError: if `build` does not like the scenarios of a shard.
-    """
-    shards = [build([scenarios[i] for i in numbers], sizes) for numbers in dealt]
-    return jax.tree.map(lambda *arrays: _stack(arrays), *shards)
-
-
-def _stack(arrays: Sequence[np.ndarray]) -> np.ndarray:
-    longest = max(len(array) if array.ndim else 0 for array in arrays)
-    padded = [
-        np.pad(a, [(0, longest - len(a)), *[(0, 0)] * (a.ndim - 1)]) if a.ndim else a
-        for a in arrays
-    ]
-    return np.stack(padded)
-
-
 def _starts(counts: Sequence[int] | np.ndarray) -> np.ndarray:
     ends = np.cumsum(counts, dtype=np.int64)
     if len(ends) and ends[-1] > MAX_ROWS:

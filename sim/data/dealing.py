@@ -1,5 +1,13 @@
 """Deals scenarios out to shards, each the bank of a device."""
 
+from collections.abc import Callable, Mapping, Sequence
+
+import jax
+import numpy as np
+
+from .bank import Bank, Sizes, build
+from .packed import Packed
+
 EVENNESS = 8  # a stratum has so many scenarios at least, or all have as many
 
 
@@ -46,16 +54,63 @@ def by_stratum(num_scenarios: int, num_shards: int, num_strata: int) -> list[lis
     Raises:
         ValueError: if the shards do not divide the strata.
     """
+    per_shard = strata_of_each(num_strata, num_shards)
+    total = num_scenarios
+    while total % num_strata and total < EVENNESS * num_strata:
+        total += num_scenarios
+    shards: list[list[int]] = [[] for _ in range(num_shards)]
+    for number in range(total):
+        shards[number % num_strata // per_shard].append(number % num_scenarios)
+    return shards
+
+
+def strata_of_each(num_strata: int, num_shards: int) -> int:
+    """Returns how many strata a shard has.
+
+    Raises:
+        ValueError: if the shards do not divide the strata.
+    """
     if num_strata % num_shards:
         raise ValueError(
             f"strata must be a multiple of the number of devices, got {num_strata} for "
             f"{num_shards}; set learner.strata."
         )
-    total = num_scenarios
-    while total % num_strata and total < EVENNESS * num_strata:
-        total += num_scenarios
-    per_shard = num_strata // num_shards
-    shards: list[list[int]] = [[] for _ in range(num_shards)]
-    for number in range(total):
-        shards[number % num_strata // per_shard].append(number % num_scenarios)
-    return shards
+    return num_strata // num_shards
+
+
+def build_shards(
+    scenarios: Sequence[Packed] | Mapping[int, Packed],
+    sizes: Sizes,
+    dealt: Sequence[Sequence[int]],
+    agree: Callable[[np.ndarray], np.ndarray] = lambda lengths: lengths,
+) -> Bank:
+    """Builds a bank of each shard: every array gets a leading axis of shards.
+
+    Args:
+        scenarios: those that are dealt, by number.
+        sizes: into which they fit, but for capped objects.
+        dealt: the numbers of those of each shard.
+        agree: of the longest length of each array here, that in all processes.
+
+    Raises:
+        ValueError: if `build` does not like the scenarios of a shard.
+    """
+    shards = [build([scenarios[i] for i in numbers], sizes) for numbers in dealt]
+    leaves = [jax.tree.leaves(shard) for shard in shards]
+    longest = [max(map(_length, arrays)) for arrays in zip(*leaves, strict=True)]
+    lengths = agree(np.array(longest)).tolist()
+    stacked = [
+        np.stack([_padded(array, length) for array in arrays])
+        for arrays, length in zip(zip(*leaves, strict=True), lengths, strict=True)
+    ]
+    return jax.tree.unflatten(jax.tree.structure(shards[0]), stacked)
+
+
+def _length(array: np.ndarray) -> int:
+    return len(array) if array.ndim else 0
+
+
+def _padded(array: np.ndarray, length: int) -> np.ndarray:
+    if not array.ndim:
+        return array
+    return np.pad(array, [(0, length - len(array)), *[(0, 0)] * (array.ndim - 1)])

@@ -29,7 +29,7 @@ def cloning(mesh: Mesh) -> tuple[Learner, Bank]:
     packed = [worlds.exact(scenario) for scenario in worlds.scenarios("generated")]
     sizes = banks.Sizes.of(packed, worlds.MAX_OBJECTS)
     dealt = dealing.by_stratum(len(packed), mesh.size, STRATA)
-    bank = meshes.shard(mesh, banks.build_shards(packed, sizes, dealt))
+    bank = meshes.shard(mesh, dealing.build_shards(packed, sizes, dealt))
     env = env_of("bicycle_discrete")
     local = jax.tree.map(lambda leaf: leaf[0], bank)
     state = jax.eval_shape(env.reset, local, np.int32(0), jax.random.key(0))

@@ -11,7 +11,7 @@ from drivetrain.learners import acting, build as learners, mesh as meshes
 from drivetrain.learners.bc import CloningConfig
 from drivetrain.learners.evaluator import compile_evaluator
 from drivetrain.learners.program import compile_program, initial_state
-from drivetrain.sim.data import bank as banks
+from drivetrain.sim.data import dealing
 from drivetrain.sim.data.bank import Sizes
 from drivetrain.sim.dynamics import build as dynamics
 from drivetrain.sim.env import drivers
@@ -33,7 +33,7 @@ def sharded():
     packed = [worlds.exact(scenario) for scenario in worlds.scenarios("generated")]
     sizes = Sizes.of(packed, worlds.MAX_OBJECTS)
     return meshes.shard(
-        meshes.data_mesh(), banks.build_shards(packed, sizes, [range(len(packed))])
+        meshes.data_mesh(), dealing.build_shards(packed, sizes, [range(len(packed))])
     )
 
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from drivetrain.sim.data import bank, inputs
+from drivetrain.sim.data import bank, dealing, inputs
 from drivetrain.sim.data.bank import Bank, Sizes
 from drivetrain.sim.data.pack import PackConfig, pack
 from drivetrain.sim.data.packed import Packed
@@ -165,7 +165,7 @@ def test_the_ego_then_marked_then_near_objects_survive_the_cap():
 def test_shards_are_banks_of_the_scenarios_dealt_to_them(mixed, dealt):
     sizes = Sizes.of(mixed, MANY)
 
-    sharded = bank.build_shards(mixed, sizes, dealt)
+    sharded = dealing.build_shards(mixed, sizes, dealt)
 
     for i, numbers in enumerate(dealt):
         wanted = bank.build([mixed[number] for number in numbers], sizes)
@@ -174,7 +174,7 @@ def test_shards_are_banks_of_the_scenarios_dealt_to_them(mixed, dealt):
 
 
 def test_a_scene_of_a_shard_shows_what_the_scenario_shows(mixed, banked):
-    sharded = bank.build_shards(mixed, Sizes.of(mixed, MANY), [[0, 2, 4], [1, 3]])
+    sharded = dealing.build_shards(mixed, Sizes.of(mixed, MANY), [[0, 2, 4], [1, 3]])
     second = jax.tree.map(lambda array: array[1], sharded)
     points = points_of(mixed[3])
 
