@@ -19,7 +19,17 @@ from ..learners.base import Metrics, Program, TrainState
 from ..learners.program import compile_program, initial_state
 from ..learners.seeds import one_of
 from ..sim import files, names, pytrees
-from . import banks, cluster, config, divergence, feeds, interrupts, logbook, nans
+from . import (
+    banks,
+    cluster,
+    config,
+    divergence,
+    feeds,
+    interrupts,
+    locks,
+    logbook,
+    nans,
+)
 from .experiment import Experiment, agent, environment, keys, learner, over_seeds
 from .feeds import Feed
 from .monitor import Monitor
@@ -51,6 +61,7 @@ def train(
         The train state after the last update.
 
     Raises:
+        BlockingIOError: if another job trains in the folder.
         FileExistsError: if the folder holds another experiment.
         FileNotFoundError: if there are no such data, or no run to begin with.
         DivergedError: if the loss is no number any more.
@@ -81,26 +92,26 @@ def train(
     if debug_nans:
         single = compile_program(learns, mesh, 1, spread)
         program = nans.searched(program, single, _say)
-    state = initial_state(learns, mesh, keys(experiment), feed.bank)
-    watch = _watch(experiment, driver, mesh)
-    if checkpoints.steps():
-        restored = checkpoints.restore(state)
-        _check_same(restored.metadata, feed.identity, folder)
-        _say(f"continuing {folder} at update {restored.step:,}")
-        state = _resume(restored, state, feed)
-    elif experiment.pretrained is not None:
-        adopt = learns.adopt if experiment.seeds == 1 else jax.vmap(learns.adopt)
-        state = adopt(state, _pretrained(experiment, state.params, mesh))
+    with contextlib.closing(feed), _alone(folder):
+        _check_folder(folder, experiment)  # what another job has made of it meanwhile
+        state = initial_state(learns, mesh, keys(experiment), feed.bank)
+        watch = _watch(experiment, driver, mesh)
+        if checkpoints.steps():
+            restored = checkpoints.restore(state)
+            _check_same(restored.metadata, feed.identity, folder)
+            _say(f"continuing {folder} at update {restored.step:,}")
+            state = _resume(restored, state, feed)
+        elif experiment.pretrained is not None:
+            adopt = learns.adopt if experiment.seeds == 1 else jax.vmap(learns.adopt)
+            state = adopt(state, _pretrained(experiment, state.params, mesh))
 
-    if _updates(state) >= experiment.updates:
-        _say(f"{folder} has been trained to its end")
-    if meshes.is_first():
-        files.write_whole(folder / CONFIG, config.to_yaml(experiment))
-    run = Run(experiment, folder, program, feed, watch, checkpoints)
-    with contextlib.closing(feed):
+        if _updates(state) >= experiment.updates:
+            _say(f"{folder} has been trained to its end")
+        if meshes.is_first():
+            files.write_whole(folder / CONFIG, config.to_yaml(experiment))
+        run = Run(experiment, folder, program, feed, watch, checkpoints)
         with _log(folder, _updates(state)) as write:
-            state = _run(run, state, write)
-    return state
+            return _run(run, state, write)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -146,6 +157,11 @@ def _run(run: Run, state: TrainState, write: Write) -> TrainState:
         if done < total:
             _say(f"saved {run.folder} at update {done:,}")
     return state
+
+
+def _alone(folder: pathlib.Path) -> contextlib.AbstractContextManager[None]:
+    """Holds the lock of a folder: the first process does, for all."""
+    return locks.held(folder) if meshes.is_first() else contextlib.nullcontext()
 
 
 @contextlib.contextmanager
@@ -255,7 +271,7 @@ def _say(line: str) -> None:
 def _check_folder(folder: pathlib.Path, experiment: Experiment) -> None:
     path = folder / CONFIG
     if not path.exists():
-        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        if folder.exists() and not (folder.is_dir() and _is_new(folder)):
             raise FileExistsError(
                 f"'{folder}' is there and no run; name a new folder with --out"
             )
@@ -267,6 +283,10 @@ def _check_folder(folder: pathlib.Path, experiment: Experiment) -> None:
             f"'{folder}' holds a run of another config: {changes}; name another folder "
             "with --out"
         )
+
+
+def _is_new(folder: pathlib.Path) -> bool:
+    return {path.name for path in folder.iterdir()} <= {locks.LOCK}
 
 
 def _check_same(
