@@ -3,7 +3,6 @@
 import contextlib
 import fcntl
 import logging
-import os
 import pathlib
 import time
 from collections.abc import Iterator
@@ -47,6 +46,6 @@ def _take(file: int, folder: pathlib.Path) -> None:
             logger.warning(
                 "'%s' cannot be locked (%s); see that no two jobs train in it.",
                 folder,
-                os.strerror(error.errno or 0),
+                error.strerror,
             )
             return

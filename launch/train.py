@@ -92,8 +92,7 @@ def train(
     if debug_nans:
         single = compile_program(learns, mesh, 1, spread)
         program = nans.searched(program, single, _say)
-    with contextlib.closing(feed), _alone(folder):
-        _check_folder(folder, experiment)  # what another job has made of it meanwhile
+    with contextlib.closing(feed), _alone(folder, experiment):
         state = initial_state(learns, mesh, keys(experiment), feed.bank)
         watch = _watch(experiment, driver, mesh)
         if checkpoints.steps():
@@ -159,9 +158,15 @@ def _run(run: Run, state: TrainState, write: Write) -> TrainState:
     return state
 
 
-def _alone(folder: pathlib.Path) -> contextlib.AbstractContextManager[None]:
-    """Holds the lock of a folder: the first process does, for all."""
-    return locks.held(folder) if meshes.is_first() else contextlib.nullcontext()
+@contextlib.contextmanager
+def _alone(folder: pathlib.Path, experiment: Experiment) -> Iterator[None]:
+    """Holds the lock of a folder: only the first process does, which alone writes."""
+    if not meshes.is_first():
+        yield
+        return
+    with locks.held(folder):
+        _check_folder(folder, experiment)  # what another job has made of it meanwhile
+        yield
 
 
 @contextlib.contextmanager
