@@ -9,25 +9,22 @@ writes what it holds, and the first one alone says what is finished and what is 
 import concurrent.futures
 import contextlib
 import dataclasses
-import json
 import logging
 import pathlib
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, PyTree
-from orbax.checkpoint import v1 as orbax
 
-from . import checksums, mesh as meshes
+from . import checksums, mesh as meshes, snapshot
+from .snapshot import Tree
 
 logger = logging.getLogger(__name__)
 
-Tree = PyTree  # of arrays of JAX or NumPy
 NONE = -1  # in place of a step
+# Of the metadata of a step, how good it is, less being better; None: not measured.
+Rank = Callable[[Mapping[str, Any]], float | None]
 
 
 class SaveError(OSError):
@@ -49,12 +46,20 @@ class Checkpoints:
     Any number of runs may read; one may write.
     """
 
-    def __init__(self, directory: pathlib.Path, keep: int = 3):
+    def __init__(
+        self,
+        directory: pathlib.Path,
+        keep: int = 3,
+        rank: Rank | None = None,
+        keep_best: int = 1,
+    ):
         """Opens a directory, which need not exist yet.
 
         Args:
             directory: where the folders are.
             keep: how many of the newest to keep.
+            rank: tells how good a step is; None: there are no best ones.
+            keep_best: how many of the best to keep besides.
 
         Raises:
             ValueError: if none were to be kept.
@@ -63,6 +68,8 @@ class Checkpoints:
             raise ValueError(f"keep must be at least 1, got {keep}.")
         self._directory = directory.absolute()
         self._keep = keep
+        self._rank = rank
+        self._keep_best = keep_best
         self._damaged: set[int] = set()
         self._thread = concurrent.futures.ThreadPoolExecutor(1, "drivetrain-save")
         self._pending: concurrent.futures.Future[None] | None = None
@@ -74,6 +81,16 @@ class Checkpoints:
             for step in set(self._whole()) - self._damaged
             if checksums.exist(self._folder(step))
         )
+
+    def best(self) -> list[int]:
+        """Lists the steps of a known rank, the best first; of equals the newest."""
+        ranks = {step: self._rank_of(step) for step in reversed(self.steps())}
+        ranked = {step: rank for step, rank in ranks.items() if rank is not None}
+        return sorted(ranked, key=ranked.__getitem__)
+
+    def _rank_of(self, step: int) -> float | None:
+        known = self.metadata_of(step)
+        return None if self._rank is None or known is None else self._rank(known)
 
     def saved(self) -> list[int]:
         """Lists the steps when no save is under way any more, as `steps` does."""
@@ -109,21 +126,16 @@ class Checkpoints:
                 f"step {step} is not after step {newest}, the newest in "
                 f"{self._directory}; restore it first, or save to another directory."
             )
-        text = json.dumps(metadata)
-        # Orbax refuses empty arrays.
-        arrays = {n: _kept(leaf) for n, leaf in _named(tree).items() if leaf.size}
         try:
             with self._explained(step):
                 if meshes.is_first():
                     self._make_way()
-                saving = orbax.save_async(
-                    str(self._folder(step)), arrays, custom_metadata={"metadata": text}
-                )
+                written = snapshot.write_async(self._folder(step), tree, metadata)
         except SaveError as error:
             self._pending = concurrent.futures.Future()
             self._pending.set_exception(error)
         else:
-            self._pending = self._thread.submit(self._finish, step, saving.result)
+            self._pending = self._thread.submit(self._finish, step, written)
 
     def wait(self) -> None:
         """Waits for the save under way, if any.
@@ -152,7 +164,7 @@ class Checkpoints:
     def metadata_of(self, step: int) -> dict[str, Any] | None:
         """Returns what a step says of itself, unchecked, if that can be read."""
         try:
-            return _metadata(self._folder(step))
+            return snapshot.metadata(self._folder(step))
         except Exception:  # whatever a reader meets in damaged bytes
             return None
 
@@ -181,19 +193,23 @@ class Checkpoints:
         """
         return self.restore_part(like, "")
 
-    def restore_part(self, like: Tree, prefix: str) -> Restored:
+    def restore_part(
+        self, like: Tree, prefix: str, steps: Sequence[int] | None = None
+    ) -> Restored:
         """Restores a part of the tree that was saved, and leaves the rest.
 
         Args:
             like: of the structure, shapes and types of the part.
             prefix: with which its arrays begin, such as `.params`.
+            steps: to try, one after another; None: all, the newest first.
 
         Raises:
             FileNotFoundError: if there is no undamaged step.
             ValueError: if the part of the step holds other arrays than `like`.
         """
         self._settle()
-        step = self._newest_undamaged() if meshes.is_first() else NONE
+        steps = self.steps()[::-1] if steps is None else steps
+        step = self._first_undamaged(steps) if meshes.is_first() else NONE
         step = int(meshes.largest(np.array(step)))  # the others say NONE
         if step == NONE:
             raise FileNotFoundError(
@@ -201,8 +217,11 @@ class Checkpoints:
                 "copy, or train into another folder with --out"
             )
         folder = self._folder(step)
-        tree = _read(folder, like, prefix)
-        return Restored(step=step, tree=tree, metadata=_metadata(folder))
+        return Restored(
+            step=step,
+            tree=snapshot.read(folder, like, prefix),
+            metadata=snapshot.metadata(folder),
+        )
 
     def _folder(self, step: int) -> pathlib.Path:
         return self._directory / str(step)
@@ -212,15 +231,15 @@ class Checkpoints:
         names = [path.name for path in self.folders()]
         return [int(name) for name in names if name.isdecimal()]
 
-    def _newest_undamaged(self) -> int:
-        for step in reversed(self.steps()):
+    def _first_undamaged(self, steps: Sequence[int]) -> int:
+        for step in steps:
             error = self.damage(step)
             if error is None:
                 return step
             self._damaged.add(step)
             logger.warning(
                 "DAMAGED CHECKPOINT: %s is not what was saved (%s); falling back to "
-                "the step before it.",
+                "the next one.",
                 self._folder(step),
                 error,
             )
@@ -232,13 +251,16 @@ class Checkpoints:
             written()
             if meshes.is_first():
                 checksums.write(self._folder(step))
-                for old in self.steps()[: -self._keep]:
+                kept = {*self.steps()[-self._keep :], *self.best()[: self._keep_best]}
+                for old in set(self.steps()) - kept:
                     self._delete(old)
 
     @contextlib.contextmanager
     def _explained(self, step: int) -> Iterator[None]:
         try:
             yield
+        except TypeError:  # of what is no array
+            raise
         except Exception as error:  # whatever a full or lost disk makes Orbax raise
             raise SaveError(
                 f"update {step:,} was not saved in '{self._directory}': "
@@ -269,81 +291,3 @@ class Checkpoints:
     def _delete(self, step: int) -> None:
         checksums.remove(self._folder(step))
         shutil.rmtree(self._folder(step))
-
-
-def _named(tree: Tree) -> dict[str, Array | np.ndarray]:
-    named = {}
-    for path, leaf in jax.tree_util.tree_leaves_with_path(tree):
-        name = jax.tree_util.keystr(path)
-        if not isinstance(leaf, jax.Array | np.ndarray):
-            raise TypeError(
-                f"a checkpoint holds arrays, got {type(leaf).__name__} for {name}; put "
-                f"other values into the metadata."
-            )
-        if _is_key(leaf):
-            name = f"{name} ({jax.random.key_impl(leaf)} key)"
-            leaf = jax.random.key_data(leaf)
-        named[name] = leaf
-    return named
-
-
-def _is_key(leaf: Array | np.ndarray) -> bool:
-    return jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
-
-
-def _kept(leaf: Array | np.ndarray) -> Array | np.ndarray:
-    """Returns an array that stays as it is while it is written.
-
-    From other devices than CPUs Orbax copies before the program may reuse the memory.
-    """
-    if isinstance(leaf, np.ndarray):
-        return leaf.copy()
-    is_on_cpu = next(iter(leaf.sharding.device_set)).platform == "cpu"
-    return jnp.copy(leaf) if is_on_cpu else leaf
-
-
-def _metadata(folder: pathlib.Path) -> dict[str, Any]:
-    saved: Any = orbax.metadata(str(folder)).custom_metadata
-    return json.loads(saved["metadata"])
-
-
-def _read(folder: pathlib.Path, like: Tree, prefix: str) -> Tree:
-    """Returns a part of what a folder holds, each array where the one here is."""
-    named = _named(like)
-    wanted = {prefix + name: leaf for name, leaf in named.items() if leaf.size}
-    there: Any = orbax.metadata(str(folder)).metadata
-    part = {name for name in there if name.startswith(prefix)}
-    for name in sorted(wanted.keys() | part):
-        ours, saved = (
-            f"{a[name].dtype}{list(a[name].shape)}" if name in a else "nothing"
-            for a in (wanted, there)
-        )
-        if ours != saved:
-            raise ValueError(
-                f"the checkpoint does not fit: {name.removeprefix(prefix)} is {saved} "
-                f"in it and {ours} here; use the config that was saved beside it."
-            )
-    loaded = orbax.load(
-        str(folder),
-        {name: _abstract(wanted[name]) if name in wanted else ... for name in there},
-    )
-
-    def place(leaf: Array | np.ndarray, name: str) -> Array | np.ndarray:
-        if not leaf.size:
-            return leaf
-        # The program donates its arguments: they must not share memory with the host.
-        found = _kept(loaded[prefix + name])
-        if _is_key(leaf):
-            return jax.random.wrap_key_data(
-                jnp.asarray(found), impl=jax.random.key_impl(leaf)
-            )
-        return found
-
-    leaves, structure = jax.tree.flatten(like)
-    return jax.tree.unflatten(structure, map(place, leaves, named))
-
-
-def _abstract(leaf: Array | np.ndarray) -> jax.ShapeDtypeStruct | np.ndarray:
-    if isinstance(leaf, np.ndarray):
-        return leaf
-    return jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=leaf.sharding)

@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import jax
 import jax.numpy as jnp
@@ -93,6 +93,21 @@ def test_only_the_newest_are_kept(tmp_path: pathlib.Path) -> None:
     checkpoints.wait()
     assert Checkpoints(tmp_path).steps() == [20, 100]
     assert_same(Checkpoints(tmp_path).restore(tree(0)).tree, tree(100))
+
+
+def test_the_best_are_kept_beside_the_newest(tmp_path: pathlib.Path) -> None:
+    def rank(metadata: Mapping[str, float]) -> float | None:
+        return metadata.get("error")
+
+    checkpoints = Checkpoints(tmp_path, keep=1, rank=rank, keep_best=2)
+    for step, error in ((1, 3.0), (2, 1.0), (3, None), (4, 2.0), (5, 1.0), (6, None)):
+        checkpoints.save(step, tree(step), {} if error is None else {"error": error})
+    again = Checkpoints(tmp_path, keep=1, rank=rank)
+    assert again.steps() == [2, 5, 6]
+    assert again.best() == [5, 2]  # of equals the newest
+    assert again.restore(tree(0)).step == 6
+    flip_a_bit(tmp_path / "5")
+    assert again.restore_part(tree(0), "", again.best()).step == 2
 
 
 # Orbax leaves reads unfinished in a closed loop when one of them fails.
