@@ -14,8 +14,7 @@ from jaxtyping import Float
 from matplotlib import axes, figure as mpl_figure, lines, ticker
 
 from ..sim import files, names
-from . import logbook, outputs
-from .train import load_run
+from . import logbook, outputs, runs as folders
 
 # Told apart by the colour-blind (Okabe and Ito 2008), and by their order.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
@@ -101,7 +100,7 @@ def read(run: pathlib.Path, metrics: Sequence[str]) -> dict[str, Curve]:
     Raises:
         FileNotFoundError: if there is no such run.
     """
-    experiment, every = load_run(run), logbook.read(run)
+    experiment, every = folders.load(run), logbook.read(run)
     prefixes = [""]
     if experiment.seeds > 1:
         prefixes = [f"seed{number}/" for number in range(experiment.seeds)]

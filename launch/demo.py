@@ -18,11 +18,11 @@ from ..sim.env.recording import Recording
 from ..sim.scenario import Scenario
 from ..sim.visualization import scene as pictures
 from ..sim.visualization.trajectory import Trajectory
-from . import banks, config, dump, evaluate, logbook, report, tables
+from . import banks, config, dump, evaluate, logbook, report, runs, tables
 from .banks import Loaded
 from .experiment import Experiment
 from .players import Player, rule, trained
-from .train import CONFIG, train
+from .train import train
 
 UNSEEN = "synthetic:2000000:128"  # neither trained on nor tuned on
 RULES = ("expert", "coast", "constant_speed")
@@ -49,7 +49,7 @@ def demo(out: pathlib.Path, seed: int) -> None:
     source = loader.Source(path=UNSEEN)
     loaded = banks.load(source, experiment.max_objects, meshes.data_mesh())
     players = [rule(name, "bicycle", SIM_AGENT) for name in RULES]
-    (learned,) = trained(out, SIM_AGENT, None, loaded)
+    (learned,) = trained(out, SIM_AGENT, None, runs.NEWEST, loaded)
     players.append(dataclasses.replace(learned, name="bc"))
     rows = [evaluate.row(player, loaded, seed) for player in players]
     tables.show(rows, f"{len(loaded.scenarios)} generated scenarios not trained on")
@@ -69,7 +69,7 @@ def demo(out: pathlib.Path, seed: int) -> None:
                 report.Picture(png=_png([panel]), caption=caption)
                 for panel, caption in drawn
             ],
-            config=(out / CONFIG).read_text(),
+            config=(out / runs.CONFIG).read_text(),
             facts=report.environment(),
         ),
     )

@@ -18,7 +18,7 @@ from ..sim.data.loader import Split
 from ..sim.data.query import EVERYTHING, Query
 from ..sim.dynamics.build import DYNAMICS
 from ..sim.sim_agents.build import SIM_AGENTS
-from . import actions as recording, banks, dump as dumps, outputs, tables
+from . import actions as recording, banks, dump as dumps, outputs, runs, tables
 from .banks import Loaded
 from .players import Player, players_of, replayed
 from .progress import progress
@@ -45,6 +45,7 @@ def evaluate(
     record: pathlib.Path | None = None,
     actions: pathlib.Path | None = None,
     run_seed: int | None = None,
+    checkpoint: str = runs.NEWEST,
     seed: int = 0,
 ) -> None:
     """Plays an agent on scenarios and prints the row of the table.
@@ -75,12 +76,13 @@ def evaluate(
         actions: the file of the actions of recorded.
         run_seed: which of the seeds that a run has trained, counted from 0; all of
             them, and their mean, by default.
+        checkpoint: of a run: newest, best (by its monitor), or the number of an update.
         seed: of whatever is drawn.
     """
     if not 0 <= seed < 2**32:
         raise ValueError(f"seed must be from 0 to 2^32 - 1, got {seed}.")
     outputs.require({"json": json, "record": record}, dump)
-    find = players_of(agent, dynamics, sim_agent, actions, run_seed)
+    find = players_of(agent, dynamics, sim_agent, actions, run_seed, checkpoint)
     source = loader.Source(
         path=data,
         split=split,
@@ -184,4 +186,5 @@ def row(player: Player, loaded: Loaded, seed: int) -> tables.Row:
         sim_agent=player.sim_agent,
         seed=seed,
     )
-    return found if player.run_seed is None else found | {"run_seed": player.run_seed}
+    of_run = {"run_seed": player.run_seed, "update": player.update}
+    return found | {name: x for name, x in of_run.items() if x is not None}

@@ -56,6 +56,7 @@ class Experiment:
     updates: int = 100_000  # of the learner, in all
     updates_per_call: int = 50  # of the compiled program
     updates_per_checkpoint: int = 1000
+    keep_newest: int = 3  # of the checkpoints; monitor.best_by keeps others too
     seed: int = 0
     opponents: OpponentsConfig = field(default_factory=OpponentsConfig)  # in self-play
     # Trained in one program: seed, seed + 1, …; those of a stream share its pages.
@@ -74,7 +75,12 @@ class Experiment:
                 these to the run, or the seed does not fit.
         """
         ranges.require_at_least(
-            self, updates_per_call=1, updates_per_checkpoint=1, updates=1, seeds=1
+            self,
+            updates_per_call=1,
+            updates_per_checkpoint=1,
+            keep_newest=1,
+            updates=1,
+            seeds=1,
         )
         for whole, part in (
             ("updates", "updates_per_call"),
@@ -86,11 +92,7 @@ class Experiment:
                     f"and {getattr(self, part)}."
                 )
         self._check_stream()
-        if self.monitor is not None and self.monitor.every % self.updates_per_call:
-            raise ValueError(
-                "monitor.every must be a multiple of updates_per_call, got "
-                f"{self.monitor.every} and {self.updates_per_call}."
-            )
+        self._check_monitor()
         self._check_opponents()
         decay, steps = self.learner.decay_updates, self.learner.gradient_steps
         if decay is not None and decay < self.updates * steps:
@@ -104,6 +106,19 @@ class Experiment:
             raise ValueError(
                 f"seed must be from 0 to 2^32 - seeds, got {self.seed} and "
                 f"{self.seeds}."
+            )
+
+    def _check_monitor(self) -> None:
+        """Refuses evaluations that would not come, or not be kept."""
+        if self.monitor is None:
+            return
+        is_kept = self.monitor.best_by is not None
+        per = "updates_per_checkpoint" if is_kept else "updates_per_call"
+        if self.monitor.every % getattr(self, per):
+            raise ValueError(
+                f"monitor.every must be a multiple of {per}"
+                + (", so that what is best was saved" if is_kept else "")
+                + f", got {self.monitor.every} and {getattr(self, per)}."
             )
 
     def _check_stream(self) -> None:

@@ -16,6 +16,8 @@ from ..sim.data.query import EVERYTHING, Query
 from ..sim.env.base import Environment
 from . import banks, tables
 
+PREFIX = "evaluation/"  # of the names of figures in the log
+
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class MonitorConfig:
@@ -28,14 +30,20 @@ class MonitorConfig:
     query: Query = field(default_factory=lambda: EVERYTHING)
     max_scenarios: int | None = None
     sim_agent: str = "playback"  # drives all others
+    # Keeps the checkpoints with the best of a figure, such as log_ade_m, too; None: of
+    # no figure. With several seeds it is their mean.
+    best_by: str | None = None
+    keep_best: int = 1  # of those checkpoints
 
     def __post_init__(self) -> None:
-        """Checks the count.
+        """Checks the counts and the figure.
 
         Raises:
-            ValueError: if evaluations would never come.
+            ValueError: if evaluations would never come, or there is no such figure.
         """
-        ranges.require_at_least(self, every=1)
+        ranges.require_at_least(self, every=1, keep_best=1)
+        if self.best_by is not None:
+            tables.column(self.best_by)
 
     @property
     def source(self) -> Source:
@@ -78,7 +86,7 @@ class Monitor:
         """Returns the figures of the table by name, means over the episodes."""
         episodes = self._evaluate(params, self._loaded.bank, self._key, _say_nothing)
         return {
-            f"evaluation/{column.key}": mean
+            PREFIX + column.key: mean
             for column in tables.COLUMNS
             if column.metric in episodes.value
             for mean in _mean(episodes, column)

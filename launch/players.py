@@ -9,17 +9,16 @@ import jax
 from jaxtyping import Array, PyTree
 from rich import console as rich_console
 
-from ..learners import acting, checkpoint, mesh as meshes
+from ..learners import acting, mesh as meshes
 from ..learners.seeds import one_of
 from ..sim.dynamics import build as dynamics
 from ..sim.env import build as tasks, drivers
 from ..sim.env.base import Driver, Environment
 from ..sim.observations.vector import VectorConfig, vector
-from . import actions
+from . import actions, runs
 from .actions import RECORDED, Record
 from .banks import Loaded
 from .experiment import agent, environment, keys
-from .train import CHECKPOINTS, PARAMS, load_run
 
 SIMPLE = VectorConfig(history=0, num_objects=1, num_road=1, num_lights=1)
 
@@ -35,6 +34,7 @@ class Player:
     driver_of: Callable[[PyTree, Array], Driver]  # of the number of a scenario too
     params: PyTree  # a copy on each device; empty for rules
     run_seed: int | None = None  # which of those that a run has trained
+    update: int | None = None  # of the run, after which it was saved
 
 
 def players_of(
@@ -43,6 +43,7 @@ def players_of(
     sim_agent: str,
     record: pathlib.Path | None = None,
     seed: int | None = None,
+    checkpoint: str = runs.NEWEST,
 ) -> Callable[[Loaded], list[Player]]:
     """Finds an agent by name, or by the folder of its run, before data are loaded.
 
@@ -53,13 +54,14 @@ def players_of(
         sim_agent: drives all others.
         record: the file of the actions of `recorded`.
         seed: which of the seeds of a run, counted from 0; None for all.
+        checkpoint: of a run: newest, best, or the number of an update.
 
     Returns:
         A function from the scenarios to the players: one, or one for each seed.
 
     Raises:
-        FileNotFoundError: if the folder holds no run, or one without a checkpoint, or
-            there is no file of actions.
+        FileNotFoundError: if the folder holds no run, or one without such a
+            checkpoint, or there is no file of actions.
         ValueError: if a name is unknown, the run was trained or recorded with other
             dynamics, or the file holds no actions.
     """
@@ -78,13 +80,13 @@ def players_of(
     if agent in drivers.NAMES or not folder.is_dir():
         player = rule(agent, dynamics_name or "bicycle", sim_agent)
         return lambda loaded: [player]
-    space = load_run(folder).dynamics
+    space = runs.load(folder).dynamics
     if dynamics_name not in (None, space):
         raise ValueError(
             f"'{agent}' was trained with --dynamics {space}, not {dynamics_name}; "
             "leave the option out"
         )
-    return functools.partial(trained, folder, sim_agent, seed)
+    return functools.partial(trained, folder, sim_agent, seed, checkpoint)
 
 
 def rule(name: str, dynamics_name: str, sim_agent: str) -> Player:
@@ -112,22 +114,28 @@ def _simple(dynamics_name: str, sim_agent: str) -> Environment:
 
 
 def trained(
-    folder: pathlib.Path, sim_agent: str, seed: int | None, loaded: Loaded
+    folder: pathlib.Path,
+    sim_agent: str,
+    seed: int | None,
+    checkpoint: str,
+    loaded: Loaded,
 ) -> list[Player]:
-    """Makes players of the newest checkpoint of a run, one for each seed.
+    """Makes players of a checkpoint of a run, one for each seed.
 
     Args:
         folder: of the run.
         sim_agent: drives all others.
         seed: which of the run's, counted from 0; None for all.
+        checkpoint: newest, best, or the number of an update; of those that are damaged
+            the next one is taken.
         loaded: scenarios; only their shapes are read.
 
     Raises:
-        FileNotFoundError: if there is no such run or it has no checkpoint.
+        FileNotFoundError: if there is no such run or it has no such checkpoint.
         ValueError: if a name is unknown, the checkpoint does not fit the config, or the
             run has no such seed.
     """
-    experiment = load_run(folder)
+    experiment = runs.load(folder)
     if seed is not None and not 0 <= seed < experiment.seeds:
         raise ValueError(
             f"'{folder}' has the seeds 0 to {experiment.seeds - 1}, got {seed}."
@@ -137,8 +145,9 @@ def trained(
     mesh = meshes.data_mesh()
     init = made.init if experiment.seeds == 1 else jax.vmap(made.init)
     like = meshes.replicate(mesh, jax.jit(init)(keys(experiment)))
-    checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
-    restored = checkpoints.restore_part(like, PARAMS)
+    there = runs.checkpoints(folder, experiment)
+    allowed = runs.steps(folder, there, checkpoint)
+    restored = there.restore_part(like, runs.PARAMS, allowed)
     console = rich_console.Console(stderr=True)
     console.print(
         f"{folder} at update {restored.step:,}", highlight=False, markup=False
@@ -150,6 +159,7 @@ def trained(
         env=env,
         driver_of=acting.greedy(made, env),
         params=restored.tree,
+        update=restored.step,
     )
     if experiment.seeds == 1:
         return [player]

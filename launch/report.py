@@ -8,11 +8,9 @@ import dataclasses
 import html
 import io
 import os
-import platform
 import shlex
 import sys
 from collections.abc import Mapping, Sequence
-from importlib import metadata
 
 import jax
 import matplotlib
@@ -20,7 +18,7 @@ import numpy as np
 from matplotlib import figure as mpl_figure, ticker
 
 from ..sim import files
-from . import tables
+from . import tables, versions
 
 # Mid-tones that can be read on white and on black.
 CURVE_COLOR = "#3b82c4"
@@ -133,12 +131,13 @@ def render(report: Report) -> str:
 def environment() -> dict[str, str]:
     """Returns what results depend on besides the config: command, device, versions."""
     devices = jax.devices()
-    versions = [f"{name} {metadata.version(name)}" for name in ("drivetrain", "jax")]
     return {
         "Command": shlex.join([os.path.basename(sys.argv[0]), *sys.argv[1:]]),
         "Device": f"{len(devices)} x {devices[0].device_kind} ({devices[0].platform}), "
         f"{os.cpu_count()} CPU cores on this host",
-        "Versions": ", ".join([*versions, f"Python {platform.python_version()}"]),
+        "Versions": ", ".join(
+            f"{name} {version}" for name, version in versions.here().items()
+        ),
     }
 
 

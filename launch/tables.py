@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Shaped
 from rich import box, console as rich_console, table as rich_table, text
 
-from ..sim import files
+from ..sim import files, names
 
 Row = dict[str, str | int | float | None]
 
@@ -33,10 +33,18 @@ class Column:
     title: str
     unit: str
     scale: float  # from the episode figure to the unit
+    larger_is_better: bool = False
 
 
 COLUMNS = tuple(
-    Column(metric=metric, key=f"{metric}_{suffix}", title=title, unit=unit, scale=scale)
+    Column(
+        metric=metric,
+        key=f"{metric}_{suffix}",
+        title=title,
+        unit=unit,
+        scale=scale,
+        larger_is_better=metric in ("progress", "goal"),
+    )
     for metric, title, suffix, unit, scale in (
         ("collision", "Collision", "pct", "%", 100.0),
         ("offroad", "Off-road", "pct", "%", 100.0),
@@ -128,6 +136,18 @@ def over_seeds(rows: Sequence[Row]) -> Row:
             if len(numbers) > 1:
                 joined[f"{column.key}_std"] = float(numbers.std(ddof=1))
     return joined
+
+
+def column(key: str) -> Column:
+    """Returns the metric of a name in a row.
+
+    Raises:
+        ValueError: if there is none.
+    """
+    for column in COLUMNS:
+        if column.key == key:
+            return column
+    raise names.unknown("figure", key, [column.key for column in COLUMNS])
 
 
 def columns_of(rows: Sequence[Row]) -> tuple[Column, ...]:

@@ -29,15 +29,14 @@ from . import (
     locks,
     logbook,
     nans,
+    runs,
+    versions,
 )
 from .experiment import Experiment, agent, environment, keys, learner, over_seeds
 from .feeds import Feed
 from .monitor import Monitor
 from .progress import progress
 
-CONFIG = "config.yaml"
-CHECKPOINTS = "checkpoints"
-PARAMS = ".params"  # of the train state in a checkpoint
 Write = Callable[[int, Mapping[str, Any]], None]  # of a step, its scalars
 STOPPING = "stopping after these updates, to save them; once more stops at once"
 
@@ -68,11 +67,11 @@ def train(
         NoNumberError: likewise, if the operation was found.
         ValueError: if the experiment does not fit together.
     """
-    _check_folder(folder, experiment)
+    runs.require_room(folder, experiment)
     files.require_writable(folder)
-    checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
+    checkpoints = runs.checkpoints(folder, experiment)
     if experiment.pretrained is not None and not checkpoints.steps():
-        load_run(pathlib.Path(experiment.pretrained))
+        runs.load(pathlib.Path(experiment.pretrained))
     env = environment(experiment)  # before data are loaded: it knows wrong names
     mesh = meshes.data_mesh()
     feed = feeds.open_feed(
@@ -99,6 +98,7 @@ def train(
             restored = checkpoints.restore(state)
             _check_same(restored.metadata, feed.identity, folder)
             _say(f"continuing {folder} at update {restored.step:,}")
+            _warn_of_versions(restored.metadata)
             state = _resume(restored, state, feed)
         elif experiment.pretrained is not None:
             adopt = learns.adopt if experiment.seeds == 1 else jax.vmap(learns.adopt)
@@ -107,7 +107,7 @@ def train(
         if _updates(state) >= experiment.updates:
             _say(f"{folder} has been trained to its end")
         if meshes.is_first():
-            files.write_whole(folder / CONFIG, config.to_yaml(experiment))
+            files.write_whole(folder / runs.CONFIG, config.to_yaml(experiment))
         run = Run(experiment, folder, program, feed, watch, checkpoints)
         with _log(folder, _updates(state)) as write:
             return _run(run, state, write)
@@ -139,23 +139,35 @@ def _run(run: Run, state: TrainState, write: Write) -> TrainState:
             metrics = jax.device_get(metrics)
             divergence.require_finite(metrics, first, run.folder, run.checkpoints.saved)
             scalars = _means(metrics) | feed.exchange()
-            monitor = experiment.monitor
+            monitor, found = experiment.monitor, {}
             if monitor is not None and done % monitor.every == 0:
-                scalars |= run.watch(state)
-            write(done, scalars)
+                found = run.watch(state)
+            write(done, scalars | found)
             line.update(
                 done, f"loss {scalars['loss']:.3f}" if "loss" in scalars else ""
             )
             is_last = done == total or _any(notice.came)
             if is_last or done % experiment.updates_per_checkpoint == 0:
-                kept = {**feed.identity, "layout": feed.layout, "feed": feed.state()}
-                run.checkpoints.save_async(done, state, kept)
+                run.checkpoints.save_async(done, state, _told(run, found))
             if is_last:
                 run.checkpoints.wait()
                 break
         if done < total:
             _say(f"saved {run.folder} at update {done:,}")
     return state
+
+
+def _told(run: Run, found: Mapping[str, float]) -> dict[str, Any]:
+    """Returns what a checkpoint says beside the train state."""
+    feed = run.feed
+    return {
+        **feed.identity,
+        "layout": feed.layout,
+        "feed": feed.state(),
+        runs.EVALUATION: found,
+        runs.VERSIONS: versions.here(),
+        "config": config.to_yaml(run.experiment),
+    }
 
 
 @contextlib.contextmanager
@@ -165,7 +177,9 @@ def _alone(folder: pathlib.Path, experiment: Experiment) -> Iterator[None]:
         yield
         return
     with locks.held(folder):
-        _check_folder(folder, experiment)  # what another job has made of it meanwhile
+        runs.require_room(
+            folder, experiment
+        )  # what another job has made of it meanwhile
         yield
 
 
@@ -232,10 +246,18 @@ def _watch(
         return lambda state: monitor.evaluate(state.params)
 
     def of_each(state: TrainState) -> dict[str, float]:
-        return {
+        """Returns the means over seeds, and the figures of each as `seed2/…`."""
+        numbers = range(experiment.seeds)
+        found = [monitor.evaluate(one_of(state.params, number)) for number in numbers]
+        everywhere = set.intersection(*map(set, found))
+        means = {
+            name: float(np.mean([figures[name] for figures in found]))
+            for name in sorted(everywhere)
+        }
+        return means | {
             f"seed{number}/{name}": value
-            for number in range(experiment.seeds)
-            for name, value in monitor.evaluate(one_of(state.params, number)).items()
+            for number in numbers
+            for name, value in found[number].items()
         }
 
     return of_each
@@ -247,9 +269,10 @@ def _pretrained(experiment: Experiment, params: Params, mesh: Mesh) -> Params:
     Seed i begins with seed i of those of that run, counted round.
     """
     folder = pathlib.Path(experiment.pretrained or "")
-    there, here = load_run(folder).seeds, experiment.seeds
+    before = runs.load(folder)
+    there, here = before.seeds, experiment.seeds
     numbers = np.arange(here) % there
-    checkpoints = checkpoint.Checkpoints(folder / CHECKPOINTS)
+    checkpoints = runs.checkpoints(folder, before)
     for part in experiment.pretrained_parts:
         if part not in params:
             raise names.unknown("part in pretrained_parts", part, sorted(params))
@@ -257,7 +280,7 @@ def _pretrained(experiment: Experiment, params: Params, mesh: Mesh) -> Params:
         one = like if here == 1 else one_of(like, 0)
         like = one if there == 1 else pytrees.spread(one, there)
         try:
-            restored = checkpoints.restore_part(like, f"{PARAMS}['{part}']")
+            restored = checkpoints.restore_part(like, f"{runs.PARAMS}['{part}']")
         except ValueError as error:
             raise ValueError(f"pretrained {part} of '{folder}': {error}") from error
         of_each = restored.tree if there > 1 else pytrees.spread(restored.tree, 1)
@@ -273,25 +296,9 @@ def _say(line: str) -> None:
     console.print(line, highlight=False, markup=False, soft_wrap=True)
 
 
-def _check_folder(folder: pathlib.Path, experiment: Experiment) -> None:
-    path = folder / CONFIG
-    if not path.exists():
-        if folder.exists() and not (folder.is_dir() and _is_new(folder)):
-            raise FileExistsError(
-                f"'{folder}' is there and no run; name a new folder with --out"
-            )
-        return
-    there = config.load(path, Experiment)
-    if there != experiment:
-        changes = "; ".join(config.differences(there, experiment))
-        raise FileExistsError(
-            f"'{folder}' holds a run of another config: {changes}; name another folder "
-            "with --out"
-        )
-
-
-def _is_new(folder: pathlib.Path) -> bool:
-    return {path.name for path in folder.iterdir()} <= {locks.LOCK}
+def _warn_of_versions(saved: Mapping[str, Any]) -> None:
+    if changes := versions.changes(saved.get(runs.VERSIONS, {})):
+        _say(f"not bit for bit as it would have gone: {'; '.join(changes)}")
 
 
 def _check_same(
@@ -305,31 +312,3 @@ def _check_same(
                 f"{value}), so it would not go on as it was; bring them back, or train "
                 "into another folder with --out"
             )
-
-
-def load_run(folder: pathlib.Path) -> Experiment:
-    """Returns the experiment of a run's folder.
-
-    Raises:
-        FileNotFoundError: if the folder holds no run, or one without a checkpoint.
-        ValueError: if its config is damaged.
-    """
-    require_run(folder)
-    if not checkpoint.Checkpoints(folder / CHECKPOINTS).steps():
-        raise FileNotFoundError(
-            f"'{folder}' has no checkpoint yet; continue it with 'drivetrain train'"
-        )
-    return config.load(folder / CONFIG, Experiment)
-
-
-def require_run(folder: pathlib.Path) -> None:
-    """Checks that a folder is that of a run.
-
-    Raises:
-        FileNotFoundError: if it is not.
-    """
-    if not (folder / CONFIG).is_file():
-        raise FileNotFoundError(
-            f"'{folder}' is no run: {CONFIG} is missing; make one with 'drivetrain "
-            "train'"
-        )

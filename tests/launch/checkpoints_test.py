@@ -7,6 +7,9 @@ import jax.numpy as jnp
 import pytest
 
 from drivetrain.learners.checkpoint import Checkpoints
+from tests.launch.cli_test import TINY
+
+BEST_BY = "monitor: {data: synthetic:0:2, every: 4, best_by: goal_pct}"
 
 
 @pytest.fixture
@@ -14,10 +17,15 @@ def run(tmp_path: pathlib.Path) -> pathlib.Path:
     """A run with two checkpoints, a cut one and one that was found damaged."""
     folder = tmp_path / "run"
     folder.mkdir()
-    (folder / "config.yaml").write_text("")
+    (folder / "config.yaml").write_text(TINY + BEST_BY)
     checkpoints = Checkpoints(folder / "checkpoints")
-    for step in (2_000, 4_000):
-        checkpoints.save(step, {"a": jnp.arange(3)}, {"layout": {"devices": 8}})
+    for step, goals in ((2_000, 50.0), (4_000, 40.0)):
+        known = {
+            "layout": {"devices": 8},
+            "evaluation": {"evaluation/goal_pct": goals},
+            "versions": {"jax": "0.9.9", "Python": "3.12.1"},
+        }
+        checkpoints.save(step, {"a": jnp.arange(3)}, known)
     (folder / "checkpoints" / "6000").mkdir()
     (folder / "checkpoints" / "1000.damaged").mkdir()
     return folder
@@ -25,16 +33,15 @@ def run(tmp_path: pathlib.Path) -> pathlib.Path:
 
 def test_they_are_listed_in_order_with_their_state(drivetrain, run, capsys) -> None:
     assert drivetrain("checkpoint", "list", "run") == 0
-    rows = [line.split("│") for line in capsys.readouterr().out.splitlines()]
-    found = [
-        (row[1].strip(), row[3].strip(), row[5].strip()) for row in rows if row[1:]
+    told = capsys.readouterr().out
+    rows = [[cell.strip() for cell in line.split("│")] for line in told.splitlines()]
+    assert [(row[1], row[3], row[5], row[6]) for row in rows if row[1:]] == [
+        ("1,000", "-", "damaged", "-"),
+        ("2,000", "8", "finished, best", "50.00"),
+        ("4,000", "8", "finished", "40.00"),
+        ("6,000", "-", "not finished", "-"),
     ]
-    assert found == [
-        ("1,000", "-", "damaged"),
-        ("2,000", "8", "finished"),
-        ("4,000", "8", "finished"),
-        ("6,000", "-", "not finished"),
-    ]
+    assert told.count("saved with jax 0.9.9, Python 3.12.1") == 1
 
 
 def test_those_that_are_damaged_are_named(drivetrain, run, capsys) -> None:

@@ -8,7 +8,7 @@ from matplotlib import image
 
 from drivetrain.launch import config, curves, logbook
 from drivetrain.launch.experiment import Experiment
-from drivetrain.launch.train import CHECKPOINTS, CONFIG
+from drivetrain.launch.runs import CHECKPOINTS, CONFIG
 from drivetrain.learners import checksums
 from drivetrain.learners.bc import CloningConfig
 

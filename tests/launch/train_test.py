@@ -25,8 +25,11 @@ def test_seeds_are_trained_together_and_evaluated_each(
     drivetrain, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture
 ) -> None:
     (tmp_path / "tiny.yaml").write_text(TINY)
-    watched = "monitor={data: synthetic:0:2, every: 4}"
-    assert drivetrain("train", "tiny.yaml", "seeds=2", watched, "--out", "two") == 0
+    watched = "monitor={data: synthetic:0:2, every: 2, best_by: log_ade_m}"
+    # At a rate that goes up and down, so that the newest is not the best.
+    kept = ("keep_newest=1", "updates=8", "learner.learning_rate=0.3")
+    words = ("train", "tiny.yaml", "seeds=2", watched, *kept, "--out", "two")
+    assert drivetrain(*words) == 0
     *_, last = logbook.read(tmp_path / "two")
     both = [last["seed0/loss"], last["seed1/loss"]]
     assert both[0] != both[1]
@@ -46,6 +49,24 @@ def test_seeds_are_trained_together_and_evaluated_each(
     assert "choose one with --run-seed" in capsys.readouterr().err
     assert drivetrain("evaluate", "two", *few, "--run-seed", "2") == 2
     assert "has the seeds 0 to 1, got 2" in capsys.readouterr().err
+
+    figures = {
+        line["step"]: line["evaluation/log_ade_m"]
+        for line in logbook.read(tmp_path / "two")
+    }
+    best = min(figures, key=figures.__getitem__)
+    there = {path.stem for path in (tmp_path / "two/checkpoints").glob("*.sha256")}
+    assert best != 8 and there == {str(best), "8"}
+    words = ("evaluate", "two", *few, "--json", "best.json", "--checkpoint")
+    assert drivetrain(*words, "best") == 0
+    rows = json.loads((tmp_path / "best.json").read_text())
+    assert [row.get("update") for row in rows] == [best, best, None]
+    assert rows[2]["log_ade_m"] == pytest.approx(figures[best])
+    capsys.readouterr()
+    assert drivetrain(*words, "5") == 2
+    assert f"no checkpoint of update 5; it has {best}, 8" in capsys.readouterr().err
+    assert drivetrain(*words, "bset") == 2
+    assert "newest, best or the number of an update" in capsys.readouterr().err
 
 
 @pytest.fixture(scope="module")
